@@ -7,7 +7,7 @@ use super::arguments::ScenarioArgs;
 use super::output::{Output, clash, refuse, save};
 use crate::cube::{Axis, Face, Facelets, Keeper};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
-use crate::hw::scene::{Scene, SceneArm, SceneCube};
+use crate::hw::scene::{MOST_OBJECTS, Scene, SceneArm, SceneCube};
 use crate::operator::{ArmJoints, ArmView, Snapshot, joints_of};
 use crate::scenario::ControllerConfig;
 use crate::spatial::Twist;
@@ -122,6 +122,8 @@ pub(super) fn during(snapshot: &Snapshot, controller: &ControllerConfig) -> Opti
         arms: [first, last],
         arm_count: arms.len().min(2),
         hand: None,
+        // The controller's recording has no objects of the plant.
+        objects: [None; MOST_OBJECTS],
     })
 }
 
@@ -156,6 +158,7 @@ fn before(controller: &ControllerConfig, cube: &Facelets) -> Scene {
         arms: [at(0), at(1)],
         arm_count: arms.len(),
         hand: (cell.keeper == Keeper::Person).then_some(cell.hand.world_from_cube),
+        objects: [None; MOST_OBJECTS],
     }
 }
 

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  rubik-robot urdf > cell.urdf                       # both arms, cameras, table
+  rubik-robot urdf > cell.urdf                       # both arms, cameras, table, objects
   rubik-robot urdf --arm track > track.urdf          # one arm on its base
   rubik-robot urdf --scenario scenarios/table.toml
 
@@ -51,6 +51,10 @@ pub(super) fn run(args: &UrdfArgs, output: &mut Output) -> anyhow::Result<u8> {
             index
         }
     };
-    output.text(&xml(&Model::of(cell, arm, false)))?;
+    let mut model = Model::of(cell, arm, false);
+    if arm.is_none() {
+        model = model.with_objects(&scenario.plant.objects);
+    }
+    output.text(&xml(&model))?;
     Ok(0)
 }

@@ -35,10 +35,7 @@ pub(super) fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
         }
         // At full pace the pose is kept exactly. The other motions come from position control
         // alone.
-        Motion::Pose(_)
-        | Motion::Hold
-        | Motion::MotorsBy(_)
-        | Motion::Joints(_) => {}
+        Motion::Pose(_) | Motion::Hold | Motion::MotorsBy(_) | Motion::Joints(_) => {}
     }
     Next::Go(command)
 }

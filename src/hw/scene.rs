@@ -5,6 +5,9 @@
 use crate::cube::Axis;
 use crate::spatial::Pose;
 
+/// Greatest number of objects beside the cube.
+pub const MOST_OBJECTS: usize = 8;
+
 /// A snapshot of the visible world. All poses are true poses in the world frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scene {
@@ -19,6 +22,41 @@ pub struct Scene {
     /// The operator's hand, with its origin at the cube's far side, which it touches, and the axes
     /// of the world; `None` if it is out of the cell.
     pub hand: Option<Pose>,
+    /// Rigid objects beside the cube.
+    pub objects: [Option<SceneObject>; MOST_OBJECTS],
+}
+
+/// Number of heights that describe the contour of a surface.
+pub const HEIGHTS: usize = 33;
+
+/// Rigid object beside the cube.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SceneObject {
+    /// Pose of the object in the world.
+    pub world_from_object: Pose,
+    /// Shape of the object.
+    pub shape: SceneShape,
+}
+
+/// Shape of a rigid object.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SceneShape {
+    /// Box with half its sides (m), around its centre.
+    Box([f64; 3]),
+    /// Cylinder about z, around its centre.
+    Cylinder {
+        /// Radius (m).
+        radius: f64,
+        /// Half the length (m).
+        half: f64,
+    },
+    /// Body on its base with a curved upper side.
+    Surface {
+        /// Half the length along x and half the width along y (m).
+        half: [f64; 2],
+        /// Heights of the contour above the base, at equal distances from one end to the other (m).
+        heights: [f64; HEIGHTS],
+    },
 }
 
 /// Place, motion and colours of the cube.

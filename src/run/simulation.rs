@@ -16,7 +16,8 @@ use crate::hw::plant::fault::{Fault, Trigger, What, When};
 use crate::hw::plant::render::{Look, Renderer, Setting};
 use crate::hw::plant::truth::{self, ErrorSpreads, GraspError};
 use crate::hw::plant::{
-    CubeMechanics, HandScript, Jaws, Lying, Plant, PlantConfig, SensorNoise, Start, sagging,
+    CubeMechanics, HandScript, Jaws, LeadConfig, Lying, ObjectConfig, ObjectShape, Plant,
+    PlantConfig, Probe, Profile, SensorNoise, Start, sagging,
 };
 use crate::hw::serial::axis::Rules;
 use crate::hw::storage::StorageFault;
@@ -27,6 +28,7 @@ use crate::reach::{Meeting, MeetingTable, meeting_place};
 use crate::record::recorder::{Entry, Recorder};
 use crate::registry::Beginning;
 use crate::scenario::injected::{FaultActor, FaultEvent, FaultKeys, FaultKind};
+use crate::scenario::objects::{ObjectKeys, ObjectKind};
 use crate::scenario::plant::{CubeKind, Jaws as JawsKey, PlantHand, PlantKeys};
 use crate::scenario::{ControllerConfig, Scenario};
 use crate::servo::period::Length;
@@ -68,6 +70,7 @@ pub(super) fn create(
         meetings.map_or(ErrorSpreads::default().pivot, |table| meeting_place(&belief, table));
     let measured = calibrated(&belief, &met, pivot);
     let mut config = config(scenario, &measured, pivot, grasp);
+    add_objects(scenario, &mut config);
     // The identity is taken before the faults are added: a resumed run may have other faults in the
     // same plant.
     let identity = Identity::of(&config, scenario.seed);
@@ -210,6 +213,55 @@ fn config(
         });
     }
     config
+}
+
+/// Adds the objects of a scenario, the probes and the persons who lead a tool. A calibration has
+/// none of them.
+fn add_objects(scenario: &Scenario, config: &mut PlantConfig) {
+    let plant = &scenario.plant;
+    let which =
+        |arm: &String| index(scenario.controller.cell.arms.iter().map(|a| &a.name), Some(arm));
+    config.objects = plant.objects.iter().map(object).collect();
+    for keys in &plant.probes {
+        if let Some(probe) = config.probes.get_mut(which(&keys.arm)) {
+            *probe = Some(Probe { centre: keys.xyz.into(), radius: keys.radius });
+        }
+    }
+    let lead = plant.leads.iter().map(|keys| LeadConfig {
+        arm: which(&keys.arm),
+        points: keys.points.clone(),
+        relative: keys.relative,
+        speed: keys.speed,
+        rest: keys.rest,
+        stiffness: keys.stiffness,
+        damping: keys.damping,
+        most_force: keys.force,
+        begins: keys.at,
+    });
+    config.leads = lead.collect();
+}
+
+/// Returns the parameters of an object.
+fn object(keys: &ObjectKeys) -> ObjectConfig {
+    let (amplitude, wavelength) = (keys.amplitude, keys.wavelength);
+    let profile = || match &keys.points {
+        Some(points) => Profile::Points(points.clone()),
+        None => Profile::Drawn { amplitude, wavelength },
+    };
+    ObjectConfig {
+        name: keys.name.clone(),
+        shape: match keys.shape {
+            ObjectKind::Box | ObjectKind::Bar => ObjectShape::Box,
+            ObjectKind::Cylinder => ObjectShape::Cylinder,
+            ObjectKind::Surface => ObjectShape::Surface(profile()),
+        },
+        size: keys.size.into(),
+        mass: keys.mass,
+        friction: keys.friction,
+        stiffness: keys.stiffness,
+        world_from_object: keys.pose(),
+        fixed: keys.fixed || keys.shape == ObjectKind::Surface,
+    }
 }
 
 /// Converts the keys of the operator's hand to the script by which the simulated hand behaves.

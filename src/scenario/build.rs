@@ -11,9 +11,12 @@ use super::config::{
 use super::declared::{ChosenSensor, TaskLabel, TaskSections};
 use super::draft::Draft;
 use super::fault::nearest;
+use super::injected::FaultKeys;
 use super::keys::{self, BridgeKind, HandKeys, Servo};
 use super::lists::{CameraKeys, Effector, GripperKeys, MountKind, SensorKeys, Vsp, VspKind};
 use super::motion;
+use super::objects::ObjectLists;
+use super::plant::PlantKeys;
 use super::profile;
 use super::section::Reader;
 use super::whole::Scenario;
@@ -51,6 +54,7 @@ pub(super) fn scenario(
     check::force_sign(&root.control, reader);
     check::periods(root, reader);
     check::faults(&draft, &arms, reader);
+    check::objects(&draft, reader);
     motion::profile(root, reader);
     motion::speeds(&root.control, &arms, reader);
     motion::impact(&root.control, reader);
@@ -60,7 +64,6 @@ pub(super) fn scenario(
 
     let calibrate_views = draft.cameras.iter().map(|c| c.calibrate_views).collect();
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
-    let faults = draft.faults.into_iter().map(|(_, keys)| keys).collect();
     // A hole in one of the lists below has its fault in `reader`, so `?` loses no message.
     let (root, sections) = (draft.root, draft.sections);
     let task = task?;
@@ -94,11 +97,35 @@ pub(super) fn scenario(
             programmes: catalogue.programmes.clone(),
             generators: catalogue.generators.clone(),
         },
-        plant: PlantSection { cube_state, synchronised, keys: root.plant, faults },
+        plant: plant(cube_state, synchronised, root.plant, (draft.faults, draft.objects)),
         task,
     };
     scenario.controller.sections = checked(&scenario, sections, reader);
     Some(scenario)
+}
+
+/// Makes the half of the plant: `cube_state`, which arms are `synchronised`, the keys under
+/// `plant`, and the lists of faults and objects.
+fn plant(
+    cube_state: Option<Facelets>,
+    synchronised: Vec<bool>,
+    keys: PlantKeys,
+    (faults, lists): (Vec<(String, FaultKeys)>, ObjectLists),
+) -> PlantSection {
+    PlantSection {
+        cube_state,
+        synchronised,
+        keys,
+        faults: unnamed(faults),
+        objects: unnamed(lists.objects),
+        probes: unnamed(lists.probes),
+        leads: unnamed(lists.leads),
+    }
+}
+
+/// Returns the elements of a list without their dotted names.
+fn unnamed<T>(list: Vec<(String, T)>) -> Vec<T> {
+    list.into_iter().map(|(_, keys)| keys).collect()
 }
 
 /// Returns name and properties of a task.

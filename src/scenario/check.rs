@@ -19,6 +19,7 @@ use super::fault::nearest;
 use super::injected;
 use super::keys::{self, Control, Coordination, HandKeys, Pace};
 use super::lists::{GripperKeys, VspKind};
+use super::objects;
 use super::root::Root;
 use super::section::Reader;
 use crate::cell::Arm;
@@ -202,6 +203,15 @@ pub(super) fn faults(draft: &Draft, arms: &[Option<Arm>], reader: &mut Reader) {
             reader.fault(path, format!("[[fault]] has two elements named `{path}`"));
         }
     }
+}
+
+/// Checks the objects of the simulated cell, with probes and leads.
+pub(super) fn objects(draft: &Draft, reader: &mut Reader) {
+    let lists = &draft.objects;
+    names("object", lists.objects.iter().map(|(_, o)| o.name.as_str()), reader);
+    let root = &draft.root;
+    let hardware = root.bridge.kind.is_hardware();
+    objects::check(lists, &draft.effectors, root.cell.table_height, hardware, reader);
 }
 
 /// Checks that a cube on the table lies on a face: it cannot lie on an edge.

@@ -4,6 +4,7 @@ use super::declared::{ChosenSensor, TaskLabel, TaskSections};
 use super::injected::FaultKeys;
 use super::keys::{Control, Coordination, Separation, VisionKeys, VisualServo};
 use super::lists::VspKind;
+use super::objects::{LeadKeys, ObjectKeys, ProbeKeys};
 use super::plant::PlantKeys;
 use crate::cell::Cell;
 use crate::cube::Facelets;
@@ -123,4 +124,10 @@ pub struct PlantSection {
     pub keys: PlantKeys,
     /// Faults to inject.
     pub faults: Vec<FaultKeys>,
+    /// Objects of the cell.
+    pub objects: Vec<ObjectKeys>,
+    /// Probes on the tools.
+    pub probes: Vec<ProbeKeys>,
+    /// Persons who lead a tool.
+    pub leads: Vec<LeadKeys>,
 }

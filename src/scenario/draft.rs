@@ -6,6 +6,7 @@ use super::declared::TaskSections;
 use super::fault::{Source, nearest};
 use super::injected::FaultKeys;
 use super::lists::{CameraKeys, Effector, LISTS, Vsp};
+use super::objects::{LeadKeys, ObjectKeys, ObjectLists, ProbeKeys};
 use super::root::Root;
 use super::section::{Key, Reader, Section};
 use super::tree::{self, Node, Value};
@@ -28,6 +29,8 @@ pub(super) struct Draft {
     pub(super) sections: TaskSections,
     /// Injected faults, each with its dotted name.
     pub(super) faults: Vec<(String, FaultKeys)>,
+    /// Objects of the simulated cell.
+    pub(super) objects: ObjectLists,
 }
 
 impl Draft {
@@ -47,8 +50,18 @@ impl Draft {
         }
         // The list of faults is empty by default, so one element represents its keys.
         FaultKeys { name: "NAME".to_owned(), ..FaultKeys::default() }.keys("fault.NAME", &mut keys);
+        object_keys(&mut keys);
         keys
     }
+}
+
+/// Appends the keys of the lists of objects, whose only element is called `NAME`: by default they
+/// are empty.
+fn object_keys(into: &mut Vec<Key>) {
+    let name = || "NAME".to_owned();
+    ObjectKeys { name: name(), ..ObjectKeys::default() }.keys("object.NAME", into);
+    ProbeKeys { name: name(), ..ProbeKeys::default() }.keys("probe.NAME", into);
+    LeadKeys { name: name(), ..LeadKeys::default() }.keys("lead.NAME", into);
 }
 
 /// Returns the dotted names of all keys, those of the tasks in `catalogue` too; an element of a
@@ -60,6 +73,7 @@ pub(super) fn names(catalogue: &Catalogue) -> Vec<String> {
     CameraKeys::default().keys("camera.NAME", &mut keys);
     Vsp::default().keys("vsp.NAME", &mut keys);
     FaultKeys::default().keys("fault.NAME", &mut keys);
+    object_keys(&mut keys);
     keys.into_iter().map(|key| key.path).collect()
 }
 
@@ -98,7 +112,12 @@ pub(super) fn draft(
     draft.effectors = list("effector", lists[0].as_ref(), built_in, reader, |e: &Effector| &e.name);
     draft.cameras = list("camera", lists[1].as_ref(), built_in, reader, |c: &CameraKeys| &c.name);
     draft.vsps = list("vsp", lists[2].as_ref(), built_in, reader, |v: &Vsp| &v.name);
-    draft.faults = faults(lists[3].as_ref(), reader);
+    draft.faults = named("fault", lists[3].as_ref(), reader, |f: &FaultKeys| &f.name);
+    draft.objects = ObjectLists {
+        objects: named("object", lists[4].as_ref(), reader, |o: &ObjectKeys| &o.name),
+        probes: named("probe", lists[5].as_ref(), reader, |p: &ProbeKeys| &p.name),
+        leads: named("lead", lists[6].as_ref(), reader, |l: &LeadKeys| &l.name),
+    };
     drop_unusable(&mut draft, &lists);
     // A fault of the built-in cell is a fault of the program. It must be visible, not lost with
     // `silent`.
@@ -136,21 +155,27 @@ fn overlay_sections(sections: &mut TaskSections, document: &mut Node, reader: &m
     });
 }
 
-/// Reads the list of injected faults, each with its dotted name: `fault.NAME`.
-fn faults(node: Option<&Node>, reader: &mut Reader) -> Vec<(String, FaultKeys)> {
-    let faults = elements("fault", node, reader, |_| FaultKeys::default());
-    let path = |(i, fault): (usize, &FaultKeys)| {
-        // A fault needs no name; its index replaces it.
-        let name = if fault.name.is_empty() { i.to_string() } else { fault.name.clone() };
-        format!("fault.{name}")
+/// Reads a list that has no built-in elements, such as that of the injected faults. Returns each
+/// element with its dotted name: `fault.NAME`.
+fn named<T: Section>(
+    list: &str,
+    node: Option<&Node>,
+    reader: &mut Reader,
+    name_of: impl Fn(&T) -> &String,
+) -> Vec<(String, T)> {
+    let all = elements(list, node, reader, |_| T::default());
+    let path = |(i, element): (usize, &T)| {
+        // An element without a name has its index instead.
+        let name = name_of(element);
+        if name.is_empty() { format!("{list}.{i}") } else { format!("{list}.{name}") }
     };
-    let paths: Vec<String> = faults.iter().enumerate().map(path).collect();
-    paths.into_iter().zip(faults).collect()
+    let paths: Vec<String> = all.iter().enumerate().map(path).collect();
+    paths.into_iter().zip(all).collect()
 }
 
 /// Drops built-in cameras and sensors if the scenario lacks their effector or camera. `lists` are
 /// the lists that the scenario gives itself, in the order of [`LISTS`].
-fn drop_unusable(draft: &mut Draft, lists: &[Option<Node>; 4]) {
+fn drop_unusable(draft: &mut Draft, lists: &[Option<Node>; LISTS.len()]) {
     let effectors: Vec<&String> = draft.effectors.iter().map(|e| &e.name).collect();
     // In a list that the scenario gives itself, a reference to a missing element is a fault
     // instead.
@@ -167,9 +192,9 @@ fn drop_unusable(draft: &mut Draft, lists: &[Option<Node>; 4]) {
 }
 
 /// Splits a document into its sections and its lists, which are in the order of [`LISTS`].
-fn split(document: &Node, reader: &mut Reader) -> (Node, [Option<Node>; 4]) {
+fn split(document: &Node, reader: &mut Reader) -> (Node, [Option<Node>; LISTS.len()]) {
     let mut rest = document.clone();
-    let mut found = [const { None }; 4];
+    let mut found = [const { None }; LISTS.len()];
     if let Value::Table(entries) = &mut rest.value {
         for (slot, name) in found.iter_mut().zip(LISTS) {
             if let Some(at) = entries.iter().position(|e| e.key == name) {

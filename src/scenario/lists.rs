@@ -8,7 +8,8 @@
 use super::section::{section, words};
 
 /// Names of the lists of a scenario.
-pub(super) const LISTS: [&str; 4] = ["effector", "camera", "vsp", "fault"];
+pub(super) const LISTS: [&str; 7] =
+    ["effector", "camera", "vsp", "fault", "object", "probe", "lead"];
 
 words! {
     /// Place to which a camera is fixed.

@@ -59,6 +59,8 @@ pub mod units {
     pub const rad_snm: f64 = 1.0;
     /// Hertz.
     pub const hz: f64 = 1.0;
+    /// Newtons per millimetre.
+    pub const n_mm: f64 = 1e3;
     /// Newtons per metre.
     pub const n_m: f64 = 1.0;
     /// Newton seconds per metre.

@@ -58,7 +58,7 @@ impl Plant {
             let (distance, angle) = grasp.slip;
             // The cube does not slip between opening jaws: they let it go.
             let held = grasp.hold == Hold::Closed && !self.jaws[i].opens();
-            if held && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians()) {
+            if held && !grasp.reported && grasp.slipped() {
                 self.grasps[i].reported = true;
                 self.verdict.counts.slips += 1;
                 self.record(Incident::Slip { arm: i, distance, angle });

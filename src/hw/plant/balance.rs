@@ -276,37 +276,20 @@ impl Balance {
         around: &Surroundings,
     ) -> Option<Bearing> {
         let bodies = self.bodies();
-        let mut step: Option<Step> = None;
-        let mut stalled = 0;
+        let mut rounds = Rounds::default();
         let mut system = System::new();
-        for round in 0..=MOST_ROUNDS {
+        loop {
             system.clear(bodies);
             let load = self.load(&mut system, puzzle, grasps, around);
-            let left = system.imbalance(bodies);
-            // The first rounds seek the tolerance. After them an imbalance that is not far off is
-            // good enough, and progress of less than 3 % counts as none.
-            let enough = if round < ROUNDS { 1.0 } else { FAR };
-            let before = step.as_ref().map_or(f64::INFINITY, |s| s.imbalance);
-            let overshot = round > ROUNDS && left > OVERSHOT * before;
-            let stalls = round > ROUNDS && left > 0.97 * before && !overshot;
-            stalled = if stalls { stalled + 1 } else { 0 };
-            if left < enough || round == MOST_ROUNDS || stalled == STALLED {
-                return load.bearing;
+            match rounds.judge(system.imbalance(bodies)) {
+                Round::Ends => return load.bearing,
+                Round::Halves => rounds.halve(&mut self.nodes[..bodies]),
+                Round::Steps => {
+                    self.stiffen(&mut system, &load, grasps, &around.tools);
+                    rounds.go(&mut self.nodes, system.solve(bodies), bodies);
+                }
             }
-            // The step met or left a contact that the stiffness does not contain: half of it is
-            // tried from the same start.
-            if overshot && let Some(step) = &mut step {
-                step.moves = step.moves.map(|m| 0.5 * m);
-                step.go(&mut self.nodes[..bodies]);
-                continue;
-            }
-            self.stiffen(&mut system, &load, grasps, &around.tools);
-            let moves = system.solve(bodies);
-            let step = step.insert(Step { from: self.nodes, moves, imbalance: left });
-            step.go(&mut self.nodes[..bodies]);
         }
-        // The last round returns above.
-        None
     }
 
     /// Adds to the empty `system` the forces on the bodies at their present poses: grippers,
@@ -580,6 +563,69 @@ struct Step {
     imbalance: f64,
 }
 
+/// Decision on one round of a search for a balance.
+pub(super) enum Round {
+    /// The balance is good enough, or the search finds no better one.
+    Ends,
+    /// The last step was too long.
+    Halves,
+    /// A new step is due.
+    Steps,
+}
+
+/// Progress of a search for a balance by Newton rounds.
+#[derive(Default)]
+pub(super) struct Rounds {
+    /// Number of rounds done.
+    round: usize,
+    /// Rounds in a row without progress.
+    stalled: usize,
+    /// Last step.
+    step: Option<Step>,
+    /// Imbalance of this round (tolerances).
+    left: f64,
+}
+
+impl Rounds {
+    /// Checks whether no round was judged yet.
+    pub(super) fn is_first(&self) -> bool {
+        self.round == 0
+    }
+
+    /// Decides on a round whose imbalance is `left` (tolerances).
+    pub(super) fn judge(&mut self, left: f64) -> Round {
+        let round = self.round;
+        // The first rounds seek the tolerance. After them an imbalance that is not far off is good
+        // enough, and progress of less than 3 % counts as none.
+        let enough = if round < ROUNDS { 1.0 } else { FAR };
+        let before = self.step.as_ref().map_or(f64::INFINITY, |s| s.imbalance);
+        let overshot = round > ROUNDS && left > OVERSHOT * before;
+        let stalls = round > ROUNDS && left > 0.97 * before && !overshot;
+        self.stalled = if stalls { self.stalled + 1 } else { 0 };
+        if left < enough || round == MOST_ROUNDS || self.stalled == STALLED {
+            return Round::Ends;
+        }
+        self.left = left;
+        self.round += 1;
+        if overshot { Round::Halves } else { Round::Steps }
+    }
+
+    /// Repeats half of the last step from the same start: the step met or left a contact that the
+    /// stiffness does not contain.
+    pub(super) fn halve(&mut self, nodes: &mut [Frame]) {
+        if let Some(step) = &mut self.step {
+            step.moves = step.moves.map(|m| 0.5 * m);
+            step.go(nodes);
+        }
+    }
+
+    /// Moves the first `bodies` of `nodes` by `moves` (m, rad).
+    pub(super) fn go(&mut self, nodes: &mut [Frame; 2], moves: [Vector6<f64>; 2], bodies: usize) {
+        let step = self.step.insert(Step { from: *nodes, moves, imbalance: self.left });
+        step.go(&mut nodes[..bodies]);
+    }
+}
+
 impl Step {
     /// Places the bodies `nodes` at the end of the step.
     fn go(&self, nodes: &mut [Frame]) {
@@ -591,19 +637,19 @@ impl Step {
 
 /// Residual wrenches on the bodies (force, and torque about their origins, in the world), and the
 /// stiffness.
-struct System {
-    residual: [Vector6<f64>; 2],
-    stiffness: [[Matrix6<f64>; 2]; 2],
+pub(super) struct System {
+    pub(super) residual: [Vector6<f64>; 2],
+    pub(super) stiffness: [[Matrix6<f64>; 2]; 2],
 }
 
 impl System {
     /// Makes a system without forces and stiffness.
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self { residual: [Vector6::zeros(); 2], stiffness: [[Matrix6::zeros(); 2]; 2] }
     }
 
     /// Sets residuals and stiffness of the first `bodies` bodies to 0.
-    fn clear(&mut self, bodies: usize) {
+    pub(super) fn clear(&mut self, bodies: usize) {
         for i in 0..bodies {
             self.residual[i].fill(0.0);
             for j in 0..bodies {
@@ -614,7 +660,7 @@ impl System {
 
     /// Adds the wrench of a gripper's contact, `touch`, to the body of index `node`. `tool` and
     /// `body` are the frames of both in the world.
-    fn load(&mut self, node: usize, tool: &Frame, body: &Frame, touch: &Touch) {
+    pub(super) fn load(&mut self, node: usize, tool: &Frame, body: &Frame, touch: &Touch) {
         // The torque moves from the tool point to the body's origin.
         let lever = tool.p - body.p;
         let force = tool.r * touch.force;
@@ -655,7 +701,7 @@ impl System {
     }
 
     /// Returns the largest unbalanced force or torque on a body, as a multiple of its tolerance.
-    fn imbalance(&self, bodies: usize) -> f64 {
+    pub(super) fn imbalance(&self, bodies: usize) -> f64 {
         self.residual.iter().take(bodies).fold(0.0, |most, r| {
             let force = r.fixed_rows::<3>(0).amax() / TOLERANCE.0;
             f64::max(most, force.max(r.fixed_rows::<3>(3).amax() / TOLERANCE.1))
@@ -664,7 +710,7 @@ impl System {
 
     /// Returns the displacement of each body (m, rad, in the world) that balances the residual
     /// under the linear stiffness, shortened to at most 1 mm and 1 deg.
-    fn solve(&self, bodies: usize) -> [Vector6<f64>; 2] {
+    pub(super) fn solve(&self, bodies: usize) -> [Vector6<f64>; 2] {
         let mut moves = [Vector6::zeros(); 2];
         // Arrays of 6 and 12 unknowns: a period must not allocate.
         if bodies == 1 {
@@ -719,9 +765,9 @@ pub(super) fn moved(
         r * k.fixed_view::<3, 3>(i, j).into_owned() * r.transpose()
     };
     let (ff, mm) = (block(0, 0), block(3, 3));
-    // Force and rotation are only coupled where the palm's stops press; else two products are
-    // saved.
-    let coupled = k.m34 != 0.0 || k.m35 != 0.0;
+    // Force and rotation are only coupled where the palm's stops or single points press; else two
+    // products are saved.
+    let coupled = k.fixed_view::<3, 3>(0, 3).iter().any(|k| *k != 0.0);
     let fm = if coupled { block(0, 3) } else { Matrix3::zeros() };
     let mf = fm.transpose();
     let (a, bt) = (skew(lever_a), skew(lever_b).transpose());

@@ -7,6 +7,7 @@
 use super::dynamics::{LINKS, Link};
 use super::fault::Fault;
 use super::frame::{Frame, rotation};
+use super::objects::spec::{LeadConfig, ObjectConfig, Probe};
 use crate::cell::Cell;
 use crate::motion::AXES;
 use crate::servo::period::Length;
@@ -41,6 +42,12 @@ pub struct PlantConfig {
     pub synchronised: [bool; 2],
     /// Faults to inject; indices of arms and axes must fit the cell.
     pub faults: Vec<Fault>,
+    /// Rigid objects beside the cube.
+    pub objects: Vec<ObjectConfig>,
+    /// Probe on the tool of each arm.
+    pub probes: [Option<Probe>; 2],
+    /// Persons who lead a tool by hand.
+    pub leads: Vec<LeadConfig>,
     /// Length of a servo period.
     pub period: Length,
     /// Substeps in 2 ms; 4 is the tested figure.
@@ -65,6 +72,9 @@ impl PlantConfig {
             facelets: std::array::from_fn(|i| (i / 9) as u8),
             synchronised: [true; 2],
             faults: Vec::new(),
+            objects: Vec::new(),
+            probes: [None; 2],
+            leads: Vec::new(),
             period: Length::default(),
             substeps: 4,
         }

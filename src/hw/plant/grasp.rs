@@ -28,6 +28,12 @@ use crate::motion::Depth;
 use nalgebra::{Matrix6, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
+/// Grip above which the pads are on a body (N).
+pub(super) const CLOSED: f64 = 0.2;
+/// Excess of the opening over the cube at which the jaws have let go (m). The layer between them
+/// may be tilted by its play, and must be clear of both pads before it counts as part of the cube
+/// again.
+const OPEN_GAP: f64 = 1.5e-3;
 /// Share of the pads' stiffness that remains where they do not press, so that the solver's matrix
 /// stays regular.
 const FREE: f64 = 1e-3;
@@ -90,8 +96,12 @@ pub(super) struct Hands<'a> {
     pub(super) gripper: &'a Gripper,
     /// Pads of the gripper.
     pub(super) jaws: &'a Jaws,
-    /// Edge of the cube (m).
-    pub(super) edge: f64,
+    /// Sizes of the body along the tool's axes, once it is aligned with them (m): three edges of a
+    /// cube.
+    pub(super) size: Vector3<f64>,
+    /// Whether the pads may close anywhere along the body, as on a bar; a cube is expected with its
+    /// centre on the tool's axis.
+    pub(super) anywhere: bool,
     /// Distance between the pads (m).
     pub(super) opening: f64,
     /// Position of the palm's stops.
@@ -189,12 +199,26 @@ impl Grasp {
     }
 
     /// Returns the `tool_from_body` of flat pads without strain around a body that is nearly
-    /// aligned with them: exactly aligned, and centred on the tool's axis.
-    pub(super) fn flat(tool_from_body: &Frame) -> Frame {
+    /// aligned with them: exactly aligned, and centred on the tool's axis. A body that may be held
+    /// `anywhere` along x is only centred along y.
+    pub(super) fn flat(tool_from_body: &Frame, anywhere: bool) -> Frame {
+        let along = if anywhere { tool_from_body.p.x } else { 0.0 };
         Frame {
             r: nearest_alignment(&tool_from_body.r),
-            p: Vector3::new(0.0, 0.0, tool_from_body.p.z),
+            p: Vector3::new(along, 0.0, tool_from_body.p.z),
         }
+    }
+
+    /// Checks whether the jaws, `opening` (m) apart, have let go of the body that they held, which
+    /// is `width` (m) wide between them.
+    pub(super) fn lets_go(&self, touch: &Touch, opening: f64, width: f64) -> bool {
+        self.attached() && touch.pads == [0.0; 2] && opening > width.max(touch.width) + OPEN_GAP
+    }
+
+    /// Checks whether the grasp has slipped by more than 1 mm or 3 deg since its jaws closed.
+    pub(super) fn slipped(&self) -> bool {
+        let (distance, angle) = self.slip;
+        distance > 1e-3 || angle > 3_f64.to_radians()
     }
 
     /// Records that the pads have closed on the cube's body `node` (0 or 1), which is at
@@ -241,7 +265,7 @@ impl Grasp {
     /// body in the world. `hands` has sizes and opening of the gripper.
     pub(super) fn touch(&self, tool: &Frame, body: &Frame, hands: &Hands) -> Touch {
         let mut local = tool.to_local(body);
-        let reach = hands.edge + hands.gripper.palm;
+        let reach = hands.size.amax() + hands.gripper.palm;
         if !self.attached() && local.p.norm_squared() > reach * reach {
             return Touch::NONE;
         }
@@ -250,13 +274,13 @@ impl Grasp {
         } else {
             // Open pads meet the lone layer first, whose tilt decides how they meet it.
             local = local.times(&hands.layer);
-            Self::flat(&local)
+            Self::flat(&local, hands.anywhere)
         };
         let e = local.times(&reference.inverse());
         let w = rotation_vector(&e.r);
         let mut t = Touch::NONE;
-        let half = 0.5 * hands.edge;
-        let face = reference.p.z + e.p.z - half;
+        let half = hands.size * 0.5;
+        let face = reference.p.z + e.p.z - half.z;
         let (g, j) = (hands.gripper, hands.jaws);
 
         // A finger is beside the cube, in front of it, or edge on. A grasp knows which; otherwise
@@ -268,11 +292,11 @@ impl Grasp {
         // lead Newton to the present one.
         let [about_x, about_z] = self.askew;
         let (tilt, _) = libm::sincos(about_x.min(FRAC_PI_2));
-        t.width =
-            turned_width(hands.edge, g.finger_width, about_z) + depth.clamp(0.0, hands.edge) * tilt;
+        t.width = turned_width(&hands.size, g.finger_width, about_z)
+            + depth.clamp(0.0, hands.size.z) * tilt;
         let between = 0.5 * t.width;
-        let across = half + 0.5 * g.finger_width - local.p.x.abs();
-        if across > 0.0 && depth > 0.0 && face + hands.edge > -g.palm {
+        let across = half.x + 0.5 * g.finger_width - local.p.x.abs();
+        if across > 0.0 && depth > 0.0 && face + hands.size.z > -g.palm {
             for (i, side) in [1.0, -1.0].into_iter().enumerate() {
                 let press = between + side * e.p.y - 0.5 * hands.opening;
                 if press <= 0.0 {
@@ -314,7 +338,7 @@ impl Grasp {
     /// grip of 5 N.
     fn straighten(&self, t: &mut Touch, hands: &Hands, depth: f64, w: &Vector3<f64>) {
         let grip = if self.lost { 0.0 } else { hands.hold * t.grip() };
-        let levers = [depth.clamp(0.0, hands.edge), hands.gripper.finger_width];
+        let levers = [depth.clamp(0.0, hands.size.z), hands.gripper.finger_width];
         for ((axis, lever), askew) in [0, 2].into_iter().zip(levers).zip(t.askew) {
             t.torque[axis] -= w[axis].signum() * grip * lever * (askew / GIVE).min(1.0);
             if askew > 0.0 && askew < GIVE {
@@ -342,7 +366,7 @@ impl Grasp {
         // Both pads rub, in torsion at half the edge from the axis. The least value avoids a
         // division by 0.
         let plane = (2.0 * j.friction * grip).max(1e-9);
-        let torsion = plane * 0.5 * hands.edge;
+        let torsion = plane * 0.5 * hands.size.y;
         let tilt = 0.6 * torsion;
         // While the grip grows, flat pads align the rotations about x and z; friction has no part
         // in them.
@@ -432,22 +456,25 @@ fn beyond_give(angle: f64) -> f64 {
     (angle.abs() - GIVE).max(0.0)
 }
 
-/// Returns the distance to which a square of side `side` (m), turned by `angle` (rad), forces flat
-/// fingers of width `finger` (m) apart.
-fn turned_width(side: f64, finger: f64, angle: f64) -> f64 {
+/// Returns the distance to which a body of this `size` (m), turned by `angle` (rad) about z, forces
+/// flat fingers of width `finger` (m) apart. For a body that is no square, the angle is below an
+/// eighth of a turn: beyond it the grasp is lost.
+fn turned_width(size: &Vector3<f64>, finger: f64, angle: f64) -> f64 {
     // A square repeats every quarter and is symmetric about an eighth.
     let angle = angle % FRAC_PI_2;
     let (s, c) = libm::sincos(angle.min(FRAC_PI_2 - angle));
+    let (long, side) = (size.x, size.y);
+    let corners = if long == side { side * (c + s) } else { side * c + long * s };
     // Fingers that reach beyond a corner rest on the corners.
-    ((side + finger * s) / c).min(side * (c + s))
+    ((side + finger * s) / c).min(corners)
 }
 
 /// Adds to `t` the forces of the palm's stops on the cube, which is at `local` in the tool frame.
 /// Its face is at z = `face` (m) and tilted by the rotation vector `w` (rad).
 fn palm(t: &mut Touch, hands: &Hands, local: &Frame, face: f64, w: &Vector3<f64>) {
-    let half = 0.5 * hands.edge;
+    let half = hands.size * 0.5;
     // A cube beside the hand or behind it does not meet the stops.
-    if local.p.x.abs() > half || local.p.y.abs() > half || local.p.z < 0.0 - half {
+    if local.p.x.abs() > half.x || local.p.y.abs() > half.y || local.p.z < 0.0 - half.z {
         return;
     }
     let stop = match hands.stops {
@@ -503,7 +530,8 @@ mod tests {
         let hands = Hands {
             gripper,
             jaws,
-            edge: EDGE,
+            size: Vector3::repeat(EDGE),
+            anywhere: false,
             opening: 0.2,
             stops: Depth::One,
             hold: 1.0,

@@ -14,18 +14,12 @@ use super::StillWatch;
 use super::balance::{Split, layer_angle};
 use super::cube::{InterfaceLoad, Layers, MIDDLE};
 use super::frame::{Frame, about, nearest_alignment};
-use super::grasp::{GIVE, Grasp, Hold};
+use super::grasp::{CLOSED, GIVE, Grasp, Hold};
 use super::undoing::Undoing;
 use super::{Incident, Plant, State};
 use crate::cube::Axis;
 use nalgebra::Vector3;
 
-/// Grip above which the pads are on the cube (N).
-const CLOSED: f64 = 0.2;
-/// Excess of the opening over the cube at which the jaws have let go (m). The layer between them
-/// may be tilted by its play, and must be clear of both pads before it counts as part of the cube
-/// again.
-const OPEN_GAP: f64 = 1.5e-3;
 /// Distance of the palm's stops from a released layer that keeps them clear once the layer lies on
 /// the core again (m).
 const PALM_GAP: f64 = 1e-3;
@@ -56,10 +50,7 @@ impl Plant {
                     self.grasps[i].close_again();
                     self.closed(i);
                 }
-            } else if attached
-                && touch.pads == [0.0; 2]
-                && self.jaws[i].opening() > edge.max(touch.width) + OPEN_GAP
-            {
+            } else if self.grasps[i].lets_go(&touch, self.jaws[i].opening(), edge) {
                 if matches!(self.undoing, Undoing::Turn(_)) {
                     self.end_undoing();
                 }
@@ -88,7 +79,7 @@ impl Plant {
         }
         let touched = core.times(&self.lone_layer(held));
         // A lone layer is what the pads align with; the body's strain-free frame follows from it.
-        let flat = Grasp::flat(&tool.to_local(&touched));
+        let flat = Grasp::flat(&tool.to_local(&touched), false);
         let body = self.balance.nodes[0];
         let reference = flat.times(&touched.to_local(&body));
         self.grasps[i].close(0, &tool.to_local(&body), reference);

@@ -42,6 +42,9 @@ impl Identity {
             facelets: _,
             synchronised: _,
             faults: _,
+            objects,
+            probes,
+            leads,
             period: _,
             substeps,
         } = config;
@@ -50,7 +53,11 @@ impl Identity {
         for arm in &mut cell.arms {
             arm.start = JointPositions::default();
         }
-        let mechanics = checksum(&(arms, cube, jaws, noise, hand, substeps));
+        let mut mechanics = checksum(&(arms, cube, jaws, noise, hand, substeps));
+        // A cell without objects keeps the identity that it had before there were any.
+        if !objects.is_empty() || !leads.is_empty() || *probes != [None; 2] {
+            mechanics ^= checksum(&(objects, probes, leads));
+        }
         Self { seed, cell: checksum(&cell), mechanics }
     }
 
@@ -68,6 +75,7 @@ impl Identity {
     #[must_use]
     pub fn bounds(config: &PlantConfig) -> u32 {
         let PlantConfig { cell, arms, cube, jaws, noise, hand, period, substeps, .. } = config;
+        let PlantConfig { objects, probes, leads, .. } = config;
         let HandScript {
             appears,
             arrival,
@@ -103,7 +111,12 @@ impl Identity {
         );
         let heats = MotorDynamics::HEATS;
         let delay = noise.delay_periods;
-        checksum(&(Self::MODEL, arms, cube, jaws, steps, limits, heats, delay, operator))
+        let known =
+            checksum(&(Self::MODEL, arms, cube, jaws, steps, limits, heats, delay, operator));
+        if objects.is_empty() && leads.is_empty() && *probes == [None; 2] {
+            return known;
+        }
+        known ^ checksum(&(objects, probes, leads))
     }
 
     /// Returns the reason why a plant of this identity cannot continue with a state of `other`.

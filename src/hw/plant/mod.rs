@@ -25,6 +25,7 @@ mod hand;
 mod holding;
 mod identity;
 mod jaw;
+mod objects;
 mod plausible;
 pub mod render;
 mod rest;
@@ -46,6 +47,8 @@ pub use config::{
     Start,
 };
 pub use identity::Identity;
+pub use objects::spec::{LeadConfig, ObjectConfig, ObjectShape, Probe, Profile};
+pub use objects::truth::{Internal, ObjectState, ObjectTruth, TouchTruth};
 pub use verdict::{Counts, Event, Exertion, Incident, Part, Verdict, Whereabouts};
 
 use self::arm::PlantArm;
@@ -58,6 +61,7 @@ use self::frame::{Frame, about};
 use self::grasp::{Grasp, Hands, Touch};
 use self::hand::OperatorHand;
 use self::jaw::PlantJaw;
+use self::objects::{Objects, Tool};
 use self::sensor::{Load, WristSensor};
 use self::stop_watch::StopWatch;
 use self::undoing::Undoing;
@@ -122,6 +126,8 @@ pub struct Plant {
     velocity: Twist,
     watch: StillWatch,
     collisions: Collisions,
+    /// Rigid objects beside the cube.
+    objects: Objects,
     /// Whether the cube met the ends or edges of the fingers in the last period, per arm.
     fronts: [bool; 2],
     /// Whether a pop of the cube has been reported.
@@ -202,6 +208,7 @@ impl Plant {
             velocity: Twist::default(),
             watch: StillWatch::default(),
             collisions: Collisions::default(),
+            objects: start::objects(&config, seed),
             fronts: [false; 2],
             popped: false,
             crushed: [false; 2],
@@ -253,6 +260,7 @@ impl Plant {
             arms: [scene_arm(0), scene_arm(1)],
             arm_count: self.arms.len(),
             hand: self.hand.pose(self.time()).map(Frame::to_pose),
+            objects: self.objects.scene(),
         }
     }
 
@@ -270,6 +278,7 @@ impl Plant {
         // A hand that carries the cube away has it back as well.
         verdict.returned = self.hand.has_it_back() || self.hand.carries() && !holds;
         verdict.both_hold = self.both_hold();
+        verdict.objects = self.objects.truth().collect();
         verdict.cube = match self.state {
             State::Tray { down, fell } => Whereabouts::Tray { down, fell },
             State::Falling { .. } => Whereabouts::Falling,
@@ -286,6 +295,22 @@ impl Plant {
     #[must_use]
     pub fn turned(&self) -> f64 {
         self.verdict.turned
+    }
+
+    /// Returns the true state and history of each object, in the order of the configuration.
+    pub fn objects(&self) -> impl Iterator<Item = ObjectTruth> {
+        self.objects.truth()
+    }
+
+    /// Returns the number of persons who have led their tool to the end of the way.
+    #[must_use]
+    pub fn leads_done(&self) -> usize {
+        self.objects.leads_done()
+    }
+
+    /// Returns the greatest force on the tool of each person who leads one (N).
+    pub fn lead_forces(&self) -> impl Iterator<Item = f64> {
+        self.objects.lead_forces()
     }
 
     /// Returns whether an arm's power stages were on in the last period; otherwise its brakes hold.
@@ -345,14 +370,22 @@ impl Plant {
         // The cube comes first: its balance at the present tools makes the forces that the arms
         // take in this substep.
         self.step_cube(t, dt);
+        self.step_objects(t, dt);
         self.record_peaks();
         let pushes = self.faults.acting.push;
         for (i, arm) in self.arms.iter_mut().enumerate() {
             let touch = &self.balance.touches[i];
             let tool = arm.world_from_tool;
-            if touch.any() || pushes[i] != Vector3::zeros() {
-                let force = tool.r * -touch.force + pushes[i];
-                let torque = tool.r * -touch.torque;
+            let more = self.objects.load(i).filter(|load| load.any());
+            if touch.any() || pushes[i] != Vector3::zeros() || more.is_some() {
+                let mut force = tool.r * -touch.force + pushes[i];
+                let mut torque = tool.r * -touch.torque;
+                let mut stiffness = touch.stiffness;
+                if let Some(more) = more {
+                    force += more.force;
+                    torque += more.torque;
+                    stiffness += more.stiffness;
+                }
                 let mut outside = arm.torques(&force, &torque, &tool.p);
                 for (sum, more) in outside.iter_mut().zip(&self.collisions.torques[i]) {
                     *sum += more;
@@ -360,33 +393,89 @@ impl Plant {
                 let local = arm.world_from_base().to_local(&tool);
                 // A cube that hangs on this hand alone moves along. Taken as a fixed body it would
                 // brake the wrist with 12 Nms/rad and the trunk with 560.
-                let grip = (!self.balance.hangs_on(i))
-                    .then(|| moved(&touch.stiffness, &local.r, &local.p, &local.p));
+                let grip = (more.is_some() || !self.balance.hangs_on(i))
+                    .then(|| moved(&stiffness, &local.r, &local.p, &local.p));
                 arm.step(&drives[i], &outside, grip.as_ref(), dt);
             } else {
                 arm.step(&drives[i], &self.collisions.torques[i], None, dt);
             }
             // Each pad has half of the stiffness over half of the opening, and the push is the mean
             // of both: an eighth of the stiffness for each pad that touches.
-            let push = 0.5 * (touch.pads[0] + touch.pads[1]);
-            let sides = f64::from(u8::from(touch.pads[0] > 0.0) + u8::from(touch.pads[1] > 0.0));
+            let pads = more.map_or(touch.pads, |more| {
+                [touch.pads[0] + more.pads[0], touch.pads[1] + more.pads[1]]
+            });
+            let push = 0.5 * (pads[0] + pads[1]);
+            let sides = f64::from(u8::from(pads[0] > 0.0) + u8::from(pads[1] > 0.0));
             let slope = 0.125 * self.config.jaws.stiffness[1] * sides;
             self.jaws[i].step(&drives[i], push, slope, dt);
         }
         self.change_grasps();
     }
 
+    /// Returns force and torque (N, Nm) of all contacts on the tool of arm `i`, about the tool
+    /// point and in the world: the reactions of cube and objects, and a fault's push.
+    fn contact(&self, i: usize, tool: &Frame) -> (Vector3<f64>, Vector3<f64>) {
+        let touch = &self.balance.touches[i];
+        let mut force = tool.r * -touch.force + self.faults.acting.push[i];
+        let mut torque = tool.r * -touch.torque;
+        if let Some(more) = self.objects.load(i).filter(|load| load.any()) {
+            force += more.force;
+            torque += more.torque;
+        }
+        (force, torque)
+    }
+
     /// Checks whether the cube lies so deep in the hand of arm `i` that its palm's stops cannot
     /// come forward.
     fn in_the_way_of_stops(&self, i: usize) -> bool {
-        let cube = self.tool(i).to_local(&self.balance.nodes[0]).p;
-        let half = 0.5 * self.config.cell.cube.edge;
-        // A face behind the middle of the two stops is in the way of the forward one.
-        let between = -0.5 * (Gripper::FACE_BEHIND_TOOL_ONE + Gripper::FACE_BEHIND_TOOL_TWO);
-        cube.x.abs() < half
-            && cube.y.abs() < half
-            && cube.z.abs() < 2.0 * half
-            && cube.z - half < between
+        let tool = self.tool(i);
+        let cube = tool.to_local(&self.balance.nodes[0]).p;
+        let half = Vector3::repeat(0.5 * self.config.cell.cube.edge);
+        let object = self.objects.held(i, &tool);
+        in_the_way(&cube, &half) || object.is_some_and(|(at, half)| in_the_way(&at, &half))
+    }
+
+    /// Returns the tools as the objects meet them.
+    fn tools(&self) -> [Option<Tool<'_>>; 2] {
+        std::array::from_fn(|i| {
+            let arm = self.arms.get(i)?;
+            let frame = arm.world_from_tool;
+            let (velocity, spin) = arm.velocity_at(&frame.p);
+            Some(Tool {
+                frame,
+                velocity,
+                spin,
+                gripper: &self.config.cell.arms[i].gripper,
+                jaws: &self.config.jaws,
+                opening: self.jaws[i].opening(),
+                opens: self.jaws[i].opens(),
+                stops: self.stops[i],
+                friction: self.faults.acting.friction[i],
+                loses: self.faults.acting.lost[i],
+                busy: self.grasps[i].attached(),
+            })
+        })
+    }
+
+    /// Moves the objects by one substep of `dt` (s), which ends at `t` (s).
+    fn step_objects(&mut self, t: f64, dt: f64) {
+        if self.objects.is_empty() {
+            return;
+        }
+        // The tools borrow the plant, so the objects leave it meanwhile.
+        let mut objects = std::mem::take(&mut self.objects);
+        objects.step(&self.tools(), t, dt);
+        self.objects = objects;
+    }
+
+    /// Records the loads of the objects at the end of a period.
+    fn end_period_of_objects(&mut self) {
+        if self.objects.is_empty() {
+            return;
+        }
+        let mut objects = std::mem::take(&mut self.objects);
+        objects.end_period(&self.tools(), self.config.period.seconds());
+        self.objects = objects;
     }
 
     /// Moves the cube by one substep of `dt` (s), which ends at `t` (s): it falls, follows the
@@ -435,7 +524,8 @@ impl Plant {
             near(i).then(|| Hands {
                 gripper: &self.config.cell.arms[i].gripper,
                 jaws: &pads[i],
-                edge,
+                size: Vector3::repeat(edge),
+                anywhere: false,
                 opening: self.jaws[i].opening(),
                 stops: self.stops[i],
                 hold: self.faults.acting.friction[i],
@@ -482,6 +572,17 @@ impl Plant {
         self.state = State::Tray { down, fell: true };
         self.record(Incident::Landed { down });
     }
+}
+
+/// Checks whether a body, with its centre at `at` in the tool frame and these half sizes (m), lies
+/// so deep in the hand that the palm's stops cannot come forward.
+fn in_the_way(at: &Vector3<f64>, half: &Vector3<f64>) -> bool {
+    // A face behind the middle of the two stops is in the way of the forward one.
+    let between = -0.5 * (Gripper::FACE_BEHIND_TOOL_ONE + Gripper::FACE_BEHIND_TOOL_TWO);
+    at.x.abs() < half.x
+        && at.y.abs() < half.y
+        && at.z.abs() < 2.0 * half.z
+        && at.z - half.z < between
 }
 
 /// Returns the face that looks down most, on which the cube would come to lie.
@@ -536,18 +637,16 @@ impl Port for Plant {
         // The axis changes between periods, so that all substeps of a period see the same bodies.
         self.reconsider_axis();
         self.feel_inertia_of_cube();
+        self.end_period_of_objects();
         self.period = period + 1;
         self.verdict.period = self.period;
         for (i, reading) in readings.iter_mut().enumerate() {
             let arm = &mut self.arms[i];
             arm.read(&drives[i], reading);
             read_jaw(&mut self.jaws[i], &drives[i], reading);
-            let touch = &self.balance.touches[i];
-            let tool = &arm.world_from_tool;
-            // The sensor carries the contact's reaction and a fault's push.
-            let force = tool.r * -touch.force + self.faults.acting.push[i];
-            let torque = tool.r * -touch.torque;
-            let sensor = &mut self.sensors[i];
+            let tool = arm.world_from_tool;
+            let (force, torque) = self.contact(i, &tool);
+            let (arm, sensor) = (&self.arms[i], &mut self.sensors[i]);
             // The inertia of the body beyond the sensor acts at its centre of mass.
             let (velocity, spin) = arm.velocity_at(&sensor.centre(&arm.world_from_flange));
             let load = Load { at: &tool.p, force: &force, torque: &torque, velocity, spin };

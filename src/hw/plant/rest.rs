@@ -1,8 +1,8 @@
-//! Table under the cube: it carries the cube and rubs on it.
+//! Table under the cube, or under another body: it carries the body and rubs on it.
 //!
-//! - in: the cube's pose, the table's height
+//! - in: the body's pose and its corners, the heights of the table and of level supports on it
 //! - out: the wrench on the cube and its stiffness; a state that the caller commits once a substep
-//! - load: a spring of its own carries each corner below the table top
+//! - load: a spring of its own carries each corner below the table top, or below a support's top
 //! - friction: a spring along x, y and about z holds the cube where it came to rest, and slides
 //!   when it would carry more than its share of the load
 //! - damping: near the table the cube moves no faster than its weight would let it. Without inertia
@@ -24,13 +24,40 @@ const NEAR: f64 = 2e-3;
 /// Depth of the cube's centre below the table top from which on the cube is beside the table (m).
 const DEEPEST: f64 = 0.02;
 
-/// Table top, and the rest of the cube on it.
+/// Level top of a fixed body, on which other bodies may lie.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Support {
+    /// Centre of the top, with the axes of its sides, in the world.
+    pub(super) top: Frame,
+    /// Half its sides (m).
+    pub(super) half: [f64; 2],
+}
+
+/// Properties of a body that decide how it lies.
+#[derive(Debug, Clone)]
+pub(super) struct Resting {
+    /// Corners in the body's frame (m), all that can touch the table.
+    pub(super) corners: Vec<Vector3<f64>>,
+    /// Mean distance of a lower corner from the middle of its face (m), for the friction of a turn.
+    pub(super) radius: f64,
+    /// Greatest height of the centre above the table in a contact (m).
+    pub(super) reach: f64,
+    /// Stiffness under one corner (N/m).
+    pub(super) stiffness: f64,
+    /// Coefficient of friction.
+    pub(super) friction: f64,
+    /// Damping near the table (Ns/m, Nms/rad).
+    pub(super) damping: (f64, f64),
+    /// Tops on which the body may lie, beside the table.
+    pub(super) supports: Vec<Support>,
+}
+
+/// Table top, and the rest of a body on it.
 #[derive(Debug, Clone)]
 pub(super) struct Rest {
     /// Height of the table top in the world (m).
     pub(super) height: f64,
-    /// Half the edge of the cube (m).
-    half_edge: f64,
+    body: Resting,
     /// Pose at which the cube came to rest, while it lies there.
     settled: Option<Frame>,
     /// Slip since then along x and y (m), and about z (rad).
@@ -61,41 +88,69 @@ impl Rest {
     /// Makes a table with its top at `height` (m), on which no cube lies yet. `edge` is the edge of
     /// the cube (m).
     pub(super) fn new(height: f64, edge: f64) -> Self {
-        Self {
-            height,
-            half_edge: 0.5 * edge,
-            settled: None,
-            slid: Vector3::zeros(),
-            before: None,
-            table_load: 0.0,
+        let half = 0.5 * edge;
+        let side = |i: usize, bit: usize| if i >> bit & 1 == 0 { -half } else { half };
+        let corner = |i: usize| Vector3::new(side(i, 0), side(i, 1), side(i, 2));
+        let body = Resting {
+            corners: (0..8).map(corner).collect(),
+            radius: half,
+            reach: 2.0 * half,
+            stiffness: STIFFNESS,
+            friction: FRICTION,
+            damping: DAMPING,
+            supports: Vec::new(),
+        };
+        Self::of(height, body)
+    }
+
+    /// Makes a table with its top at `height` (m), on which `body` does not lie yet.
+    pub(super) fn of(height: f64, body: Resting) -> Self {
+        Self { height, body, settled: None, slid: Vector3::zeros(), before: None, table_load: 0.0 }
+    }
+
+    /// Returns the height of the ground below a `point` (m): that of the table, or of the highest
+    /// top there that the point has not sunk into by more than the depth of a contact.
+    fn ground(&self, point: &Vector3<f64>) -> f64 {
+        let mut ground = self.height;
+        for Support { top, half } in &self.body.supports {
+            let local = top.r.tr_mul(&(point - top.p));
+            let above = local.x.abs() <= half[0] && local.y.abs() <= half[1];
+            if above && local.z > -DEEPEST {
+                ground = ground.max(top.p.z);
+            }
         }
+        ground
     }
 
     /// Returns the wrench and the stiffness with which the table acts on a cube at `cube` in a
     /// substep of `dt` (s), or `None` for a cube that is not at the table.
     pub(super) fn contact(&self, cube: &Frame, dt: f64) -> Option<Bearing> {
         let above = cube.p.z - self.height;
-        if above > 2.0 * self.half_edge || above < -DEEPEST {
+        let highest = self.body.supports.iter().fold(self.height, |h, s| h.max(s.top.p.z));
+        if cube.p.z - highest > self.body.reach || above < -DEEPEST {
             return None;
         }
         let (mut normal, mut torque) = (0.0, Vector3::zeros());
         let mut stiffness = Matrix6::zeros();
         let mut lowest = f64::INFINITY;
+        // Height of the ground below the deepest corner, where friction acts.
+        let mut floor = self.height;
         // Corners alone make all contacts: a face lies on four of them, an edge on two.
-        for i in 0..8 {
-            let side =
-                |bit: usize| if i >> bit & 1 == 0 { -self.half_edge } else { self.half_edge };
-            let lever = cube.r * Vector3::new(side(0), side(1), side(2));
-            let depth = -above - lever.z;
-            lowest = lowest.min(-depth);
+        for corner in &self.body.corners {
+            let lever = cube.r * corner;
+            let ground = self.ground(&(cube.p + lever));
+            let depth = -(cube.p.z - ground) - lever.z;
+            if -depth < lowest {
+                (lowest, floor) = (-depth, ground);
+            }
             if depth <= 0.0 {
                 continue;
             }
-            let force = Vector3::z() * (STIFFNESS * depth);
+            let force = Vector3::z() * (self.body.stiffness * depth);
             normal += force.z;
             torque += lever.cross(&force);
             let along = moved_by(&lever, &Vector3::z());
-            stiffness += along * along.transpose() * STIFFNESS;
+            stiffness += along * along.transpose() * self.body.stiffness;
         }
         // A cube that has just left the table is still damped: it has no inertia that would limit
         // its speed.
@@ -112,10 +167,10 @@ impl Rest {
             normal,
         };
         if normal > 0.0 {
-            self.rub(&mut bearing, cube, above);
+            self.rub(&mut bearing, cube, cube.p.z - floor);
         }
         if let Some(before) = &self.before {
-            damp(&mut bearing, cube, before, dt);
+            damp(&mut bearing, cube, before, self.body.damping, dt);
         }
         Some(bearing)
     }
@@ -130,9 +185,9 @@ impl Rest {
         let strain = Vector3::new(off.x, off.y, turned) - bearing.slid;
         let mut force = Vector3::new(strain.x, strain.y, 0.0) * -HOLDING.0;
         let mut twist = -HOLDING.1 * strain.z;
-        let most = FRICTION * bearing.normal;
+        let most = self.body.friction * bearing.normal;
         // A square that turns on its face rubs at two thirds of its half edge on average.
-        let load = (force.norm() / most).hypot(twist / (most * self.half_edge * 2.0 / 3.0));
+        let load = (force.norm() / most).hypot(twist / (most * self.body.radius * 2.0 / 3.0));
         if load > 1.0 {
             force /= load;
             twist /= load;
@@ -149,6 +204,16 @@ impl Rest {
         bearing.stiffness[(5, 5)] += HOLDING.1;
     }
 
+    /// Lets a body land on the table at `frame`: from now on its motion is damped.
+    pub(super) fn land(&mut self, frame: &Frame) {
+        (self.settled, self.slid, self.before) = (None, Vector3::zeros(), Some(*frame));
+    }
+
+    /// Checks whether the body was near the table in the last substep.
+    pub(super) fn is_near(&self) -> bool {
+        self.before.is_some()
+    }
+
     /// Stores the last evaluation of this substep: how the table acts on the cube, or `None` if the
     /// cube is away from the table.
     pub(super) fn commit(&mut self, bearing: Option<Bearing>) {
@@ -160,9 +225,9 @@ impl Rest {
 }
 
 /// Adds to `bearing` the damping of the cube's motion from `before` to `cube` in one substep of
-/// `dt` (s).
-fn damp(bearing: &mut Bearing, cube: &Frame, before: &Frame, dt: f64) {
-    let (along, about) = (DAMPING.0 / dt, DAMPING.1 / dt);
+/// `dt` (s). `damping` is that of a displacement (Ns/m) and of a rotation (Nms/rad).
+fn damp(bearing: &mut Bearing, cube: &Frame, before: &Frame, damping: (f64, f64), dt: f64) {
+    let (along, about) = (damping.0 / dt, damping.1 / dt);
     bearing.force -= (cube.p - before.p) * along;
     bearing.torque -= rotation_vector(&(cube.r * before.r.transpose())) * about;
     for i in 0..3 {

@@ -13,6 +13,7 @@ use super::frame::Frame;
 use super::grasp::Grasp;
 use super::hand::Saved as SavedHand;
 use super::identity::Identity;
+use super::objects::{SavedLead, SavedObject};
 use super::plausible::{self, Wrong};
 use super::verdict::Counts;
 use super::{Plant, State};
@@ -53,6 +54,11 @@ pub struct Saved {
     angle_at_split: f64,
     counts: Counts,
     grasped: [u32; 2],
+    /// Objects beside the cube; a cell without any has the same file as before there were objects.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    objects: Vec<SavedObject>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    leads: Vec<SavedLead>,
 }
 
 /// Reason why a plant cannot continue from a file.
@@ -191,7 +197,10 @@ impl Plant {
     /// Returns the present state, to be saved.
     #[must_use]
     pub fn saved(&self) -> Saved {
+        let (objects, leads) = self.objects.saved();
         Saved {
+            objects,
+            leads,
             version: VERSION,
             identity: self.identity,
             arms: self.arms.iter().map(super::PlantArm::saved).collect(),
@@ -243,6 +252,8 @@ impl Plant {
             jaw.check_saved(&saved).map_err(|(place, why)| (format!("jaws[{i}]{place}"), why))?;
             jaw.restore(saved);
         }
+        let tools = std::array::from_fn(|i| self.arms.get(i).map(|arm| arm.world_from_tool));
+        self.objects.restore((&saved.objects, &saved.leads), tools)?;
         // A grasp of a distant cube would make forces that no cell has.
         let apart = |a: &Vector3<f64>, b: &Vector3<f64>| (a - b).norm() > AT_HAND;
         for (i, grasp) in saved.grasps.iter().enumerate() {

@@ -9,6 +9,7 @@ use super::cube::Puzzle;
 use super::frame::Frame;
 use super::hand::OperatorHand;
 use super::jaw::PlantJaw;
+use super::objects::Objects;
 use super::sensor::WristSensor;
 use crate::hw::port::PortFault;
 use crate::motion::AXES;
@@ -23,6 +24,8 @@ const HAND: u64 = 2;
 const TABLE: u64 = 3;
 /// First stream of the wrist sensors, which have one each.
 const SENSORS: u64 = 10;
+/// First stream of the objects, which have one each.
+const OBJECTS: u64 = 100;
 
 /// Distance of the open jaws from their stroke's end where the other arm holds the cube (m).
 const SHORT_OF_END: f64 = 0.005;
@@ -82,6 +85,13 @@ pub(super) fn puzzle(config: &PlantConfig, seed: u64) -> Puzzle {
         })
     });
     Puzzle::new(config.facelets, config.cube, factors)
+}
+
+/// Returns the objects and the persons who lead a tool.
+pub(super) fn objects(config: &PlantConfig, seed: u64) -> Objects {
+    let parts = (&config.objects[..], &config.leads[..]);
+    let table = config.cell.table_height;
+    Objects::new(parts, config.probes, table, |which| stream(seed, OBJECTS + which))
 }
 
 /// Returns the operator's hand.

@@ -491,7 +491,8 @@ fn cube_hitting_finger_edges_is_pushed_back() {
         let hands = super::grasp::Hands {
             gripper: &gripper,
             jaws: &jaws,
-            edge: EDGE,
+            size: Vector3::repeat(EDGE),
+            anywhere: false,
             opening,
             stops: Depth::One,
             hold: 1.0,
@@ -1051,4 +1052,127 @@ fn grasp_error_displaces_second_tool_exactly() {
     assert!((t.xy().norm() - 2e-3).abs() < 1e-12 && (t.z + 2e-3).abs() < 1e-12);
     assert!((off.rotation.angle() - 0.035).abs() < 1e-12);
     assert!(off.rotation.scaled_axis().z.abs() < 1e-12);
+}
+
+/// Returns the configuration of a cell with one arm whose gripper points down at a box on the
+/// table, between the open jaws.
+fn above_box(mass: f64) -> PlantConfig {
+    let mut cell = cell();
+    cell.arms.truncate(1);
+    let down = [0.0, -80.0, 5.0, -15.0, 270.0, 0.0].map(f64::to_radians);
+    cell.arms[0].start.0[1..].copy_from_slice(&down);
+    let mut config = quiet(cell);
+    config.hand.appears = f64::INFINITY;
+    let tool = sagging(&config.cell.arms[0], &config.arms[0], &config.cell.arms[0].start);
+    let world_from_object = tool * Pose::translation(0.0, 0.0, EDGE / 3.0);
+    config.cell.table_height = world_from_object.translation.z - 0.5 * EDGE;
+    config.objects.push(ObjectConfig {
+        name: "box".to_owned(),
+        shape: ObjectShape::Box,
+        size: Vector3::repeat(EDGE),
+        mass,
+        friction: 0.8,
+        stiffness: 1e5,
+        world_from_object,
+        fixed: false,
+    });
+    config
+}
+
+/// Raises the tool of the first arm by about 40 mm in 1 s.
+fn lift(servo: &mut TestServo) {
+    let from = servo.joints(0);
+    let height = |turn: f64| {
+        let mut arm = servo.plant.cell().arms[0].clone();
+        arm.start = from;
+        arm.start.0[2] += turn;
+        world_from_tool(&arm).translation.z
+    };
+    let way = if height(0.05) > height(-0.05) { 0.05 } else { -0.05 };
+    for k in 1..=500 {
+        let mut q = from;
+        q.0[2] += f64::from(k) / 500.0 * way;
+        servo.aim(0, &q);
+        servo.tick();
+    }
+    servo.run(0.5);
+}
+
+#[test]
+fn arm_lifts_object_and_feels_its_weight() {
+    let mut servo = TestServo::new(Plant::new(above_box(0.5), 1).unwrap());
+    servo.run(0.5);
+    let state = |servo: &TestServo| servo.plant.objects().next().unwrap();
+    assert_eq!(state(&servo).state, ObjectState::Resting, "{:?}", state(&servo));
+    let empty = servo.readings[0].wrench_on_sensor.force;
+    servo.jaws[0] = (0.055, 30.0);
+    servo.run(1.5);
+    lift(&mut servo);
+
+    let held = state(&servo);
+    assert_eq!((held.state, held.held_by), (ObjectState::Held, [true, false]), "{held:?}");
+    assert!(held.world_from_object.translation.z > servo.plant.cell().table_height + 0.05);
+    let weight = (servo.readings[0].wrench_on_sensor.force - empty).norm();
+    assert!((weight - 0.5 * GRAVITY).abs() < 0.5, "{weight}");
+    assert_eq!(servo.plant.scene().objects.iter().flatten().count(), 1);
+
+    let saved = servo.plant.saved();
+    let bytes = saved.to_bytes().unwrap();
+    let again = Plant::new(above_box(0.5), 1).unwrap();
+    let again = again.restored(saved::Saved::parse(&bytes).unwrap()).unwrap();
+    assert_eq!(again.saved().to_bytes().unwrap(), bytes);
+    let mut again = TestServo::new(again);
+    again.run(0.5);
+    assert_eq!(state(&again).held_by, [true, false], "{:?}", state(&again));
+
+    servo.jaws[0] = (0.085, 30.0);
+    servo.run(2.0);
+    let fell = state(&servo);
+    assert_eq!((fell.state, fell.drops), (ObjectState::Resting, 1), "{fell:?}");
+    let height = fell.world_from_object.translation.z - servo.plant.cell().table_height;
+    assert!((height - 0.5 * EDGE).abs() < 1e-3, "{height}");
+}
+
+/// A plant without objects has the file and the identity that it had before there were any.
+#[test]
+fn plant_without_objects_keeps_its_file() {
+    let plant = Plant::new(quiet(cell()), 1).unwrap();
+    let text = String::from_utf8(plant.saved().to_bytes().unwrap()).unwrap();
+    assert!(!text.contains("objects") && !text.contains("leads"));
+
+    let with = Plant::new(above_box(0.5), 1).unwrap().saved().to_bytes().unwrap();
+    let mut without = above_box(0.5);
+    without.objects.clear();
+    let refused = Plant::new(without, 1).unwrap().restored(saved::Saved::parse(&with).unwrap());
+    assert!(refused.is_err());
+}
+
+/// A person pulls a tool that does not yield 20 mm aside, by 500 N/m.
+#[test]
+fn lead_pulls_stiff_tool_with_spring_force() {
+    let mut config = quiet(cell());
+    config.hand.appears = f64::INFINITY;
+    config.leads.push(LeadConfig {
+        arm: 0,
+        points: vec![[0.0, 0.0, 0.02]],
+        relative: true,
+        speed: 0.05,
+        rest: 1.0,
+        stiffness: 500.0,
+        damping: 20.0,
+        most_force: 40.0,
+        begins: 0.5,
+    });
+    let mut servo = TestServo::new(Plant::new(config, 1).unwrap());
+    servo.run(0.4);
+    let free = servo.readings[0].wrench_on_sensor.force;
+    servo.run(1.3);
+
+    let pull = (servo.readings[0].wrench_on_sensor.force - free).norm();
+    assert!((pull - 10.0).abs() < 0.5, "{pull}");
+    assert_eq!(servo.plant.leads_done(), 0);
+    servo.run(1.0);
+    let after = (servo.readings[0].wrench_on_sensor.force - free).norm();
+    assert!(after < 0.5, "{after}");
+    assert_eq!(servo.plant.leads_done(), 1);
 }

@@ -1,5 +1,6 @@
 //! The plant's true account of a run: for summaries and tests, never for the controller.
 
+use super::objects::truth::ObjectTruth;
 use crate::cube::{Axis, Face, Keeper};
 use crate::spatial::Pose;
 
@@ -48,6 +49,8 @@ pub struct Verdict {
     pub exertion: Exertion,
     /// Events in order; at most [`MOST_EVENTS`].
     pub events: Vec<Event>,
+    /// Rigid objects beside the cube, in the order of the configuration.
+    pub objects: Vec<ObjectTruth>,
 }
 
 /// Greatest loads of a run, over all motors and arms.
@@ -366,6 +369,7 @@ impl Verdict {
             exertion: Exertion::default(),
             // A period must not allocate, so the list has its room from the start.
             events: Vec::with_capacity(MOST_EVENTS),
+            objects: Vec::new(),
         }
     }
 }

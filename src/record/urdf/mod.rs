@@ -1,6 +1,7 @@
 //! Model of the cell as links and joints, and its text in URDF (unified robot description format).
 
 mod model;
+mod objects;
 mod physics;
 mod solid;
 mod xml;

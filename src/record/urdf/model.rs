@@ -174,12 +174,12 @@ impl Model {
     }
 
     /// Adds a link with this name and these solids.
-    fn link(&mut self, name: &str, solids: Vec<Solid>) {
+    pub(super) fn link(&mut self, name: &str, solids: Vec<Solid>) {
         self.links.push(Link { name: name.to_owned(), solids, inertial: None });
     }
 
     /// Gives a link a mass and an inertia; does nothing if there is no link of this name.
-    fn weigh(&mut self, name: &str, inertial: Inertial) {
+    pub(super) fn weigh(&mut self, name: &str, inertial: Inertial) {
         if let Some(link) = self.links.iter_mut().find(|link| link.name == name) {
             link.inertial = Some(inertial);
         }
@@ -223,7 +223,7 @@ impl Model {
 
     /// Adds a joint, named after its child; `origin` is `parent_from_child` if the joint's variable
     /// is zero.
-    fn joint(&mut self, parent: &str, child: &str, origin: Pose, kind: JointKind) {
+    pub(super) fn joint(&mut self, parent: &str, child: &str, origin: Pose, kind: JointKind) {
         self.joints.push(Joint {
             name: format!("{child}_joint"),
             parent: parent.to_owned(),

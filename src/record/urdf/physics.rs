@@ -64,7 +64,7 @@ impl Inertial {
     }
 
     /// Makes the body of a solid with this density (kg/m3).
-    fn of_solid(solid: &Solid, density: f64) -> Self {
+    pub(super) fn of_solid(solid: &Solid, density: f64) -> Self {
         let body = match solid.shape {
             Shape::Box(edges) => Self::of_box(density * edges.iter().product::<f64>(), edges),
             Shape::Cylinder(radius, length) => {

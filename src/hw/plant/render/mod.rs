@@ -24,7 +24,7 @@ pub use solids::Setting;
 use crate::cell::{Camera, Mount};
 use crate::cube::Axis;
 use crate::hw::camera::{Frame, FrameSource, NoFrame};
-use crate::hw::scene::{Scene, SceneArm, SceneCube};
+use crate::hw::scene::{MOST_OBJECTS, Scene, SceneArm, SceneCube};
 use crate::spatial::{Pose, Twist};
 use backdrop::Backdrop;
 use image::RgbImage;
@@ -431,7 +431,8 @@ pub fn cube_alone(world_from_cube: Pose, edge: f64, facelets: [u8; 54]) -> Scene
     let velocity = Twist::default();
     let turned = (Axis::Z, 0.0, 0.0);
     let cube = SceneCube { world_from_cube, velocity, edge, facelets, turned };
-    Scene { period: 0, cube, arms: [arm; 2], arm_count: 0, hand: None }
+    let objects = [None; MOST_OBJECTS];
+    Scene { period: 0, cube, arms: [arm; 2], arm_count: 0, hand: None, objects }
 }
 
 /// Camera of the plant, which renders the latest scene that the plant has published.

@@ -11,6 +11,7 @@
 use super::look::{CubeLook, Look, Rgb};
 use super::solids::{Plate, Rod, Skin, Solids};
 use super::{Scene, Setting};
+use crate::hw::scene::SceneObject;
 use crate::spatial::{Pose, pose_from_axes};
 use image::RgbImage;
 use nalgebra::{Point3, Vector3};
@@ -137,6 +138,8 @@ fn outline(scene: &Scene, setting: &Setting) -> Vec<Point3<f64>> {
         let camera = Point3::from(camera.translation.vector);
         points.extend([camera, Point3::new(camera.x + 0.2, camera.y, 0.0)]);
     }
+    let object = |object: &SceneObject| Point3::from(object.world_from_object.translation.vector);
+    points.extend(scene.objects.iter().flatten().map(object));
     points.extend(scene.hand.map(|hand| hand * Point3::new(0.35, 0.0, 0.0)));
     points
 }
@@ -286,6 +289,11 @@ impl World {
         }
         if scene.arm_count > 0 {
             add(&|s| s.add_track(&scene.arms[0]));
+        }
+        for (index, object) in scene.objects.iter().enumerate() {
+            if let Some(object) = object {
+                add(&|s| s.add_object(object, index));
+            }
         }
         if let Some(hand) = scene.hand {
             add(&|s| s.add_hand(&hand, &look.hand, scene.cube.edge));

@@ -7,7 +7,7 @@
 use super::look::{CubeLook, HandLook, Look, Rgb};
 use crate::cell::{Cell, Gripper};
 use crate::cube::{Axis, Face, Keeper};
-use crate::hw::scene::{Scene, SceneArm, SceneCube};
+use crate::hw::scene::{Scene, SceneArm, SceneCube, SceneObject, SceneShape};
 use crate::spatial::Pose;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -169,6 +169,11 @@ const DARK: Rgb = [0.045, 0.047, 0.05];
 const RUBBER: Rgb = [0.03, 0.03, 0.03];
 /// Reflectance of the table top.
 const WOOD: Rgb = [0.42, 0.33, 0.24];
+/// Reflectances of the objects, in the order of the scene: dull paints, unlike stickers.
+const PAINTS: [Rgb; 4] =
+    [[0.20, 0.24, 0.28], [0.30, 0.25, 0.20], [0.22, 0.27, 0.22], [0.28, 0.22, 0.27]];
+/// Boxes of which a round body consists: together they have four times as many sides.
+const PRISM: u32 = 6;
 /// Reflectance of the tray's bottom.
 const FELT: Rgb = [0.12, 0.14, 0.15];
 
@@ -193,6 +198,11 @@ impl Solids {
             self.add_gripper(arm, &setting.grippers[index]);
             if own != Some(index) {
                 self.add_links(arm, &setting.grippers[index], look.arm);
+            }
+        }
+        for (index, object) in scene.objects.iter().enumerate() {
+            if let Some(object) = object {
+                self.add_object(object, index);
             }
         }
         if let Some(world_from_hand) = scene.hand {
@@ -258,6 +268,39 @@ impl Solids {
                 skin: Skin::Plain(paint, gloss),
             };
             self.plates.push(plate.moved(world_from_box));
+        }
+    }
+
+    /// Adds a rigid object, the one with this `index` in the scene. A cylinder is a prism, and a
+    /// surface is a row of blocks with sloping lids.
+    pub(super) fn add_object(&mut self, object: &SceneObject, index: usize) {
+        let (pose, paint, gloss) = (&object.world_from_object, PAINTS[index % PAINTS.len()], 0.1);
+        match &object.shape {
+            SceneShape::Box(half) => self.add_box(pose, Vector3::from(*half), paint, gloss),
+            SceneShape::Cylinder { radius, half } => {
+                let step = std::f64::consts::FRAC_PI_2 / f64::from(PRISM);
+                let (s, c) = libm::sincos(0.5 * step);
+                // Crossed boxes cover a polygon: each has two of its sides as its short ones.
+                for i in 0..2 * PRISM {
+                    let turn = Pose::rotation(Vector3::z() * (step * f64::from(i)));
+                    let size = Vector3::new(radius * c, radius * s, *half);
+                    self.add_box(&(pose * turn), size, paint, gloss);
+                }
+            }
+            SceneShape::Surface { half: [long, wide], heights } => {
+                let step = 2.0 * long / (heights.len() - 1) as f64;
+                for (i, pair) in heights.windows(2).enumerate() {
+                    let x = (i as f64 + 0.5) * step - long;
+                    let (low, mean) = (pair[0].min(pair[1]), f64::midpoint(pair[0], pair[1]));
+                    let block = pose * Pose::translation(x, 0.0, 0.5 * low);
+                    self.add_box(&block, Vector3::new(0.5 * step, *wide, 0.5 * low), paint, gloss);
+                    let rise = pair[1] - pair[0];
+                    let tilt = Pose::rotation(Vector3::y() * -libm::atan2(rise, step));
+                    let lid = pose * Pose::translation(x, 0.0, mean) * tilt;
+                    let size = Vector3::new(0.5 * step.hypot(rise), *wide, 5e-4);
+                    self.add_box(&lid, size, paint, gloss);
+                }
+            }
         }
     }
 
