@@ -4,6 +4,7 @@
 //! Kernels are pure. The `door` of a task may know files and the cell's geometry, and its `verdict`
 //! sees the plant.
 
+pub mod carry_bar;
 pub mod cube;
 pub mod idle;
 pub mod patrol;
@@ -23,6 +24,8 @@ pub fn built_in() -> Registry {
         .verdict::<cube::verdict::FaceTurnVerdict>()
         .task::<cube::door::Acquire>("acquire")
         .verdict::<cube::verdict::AcquireVerdict>()
+        .task::<carry_bar::CarryBar>("carry_bar")
+        .verdict::<carry_bar::BarCarried>()
         .task::<idle::Idle>("idle")
         .task::<patrol::Patrol>("patrol")
         .verdict::<patrol::RoundsDone>()

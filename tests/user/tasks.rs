@@ -2,6 +2,8 @@
 
 use crate::missions::run;
 use rubik_robot::record::summary::{Outcome, Summary};
+use rubik_robot::scenario::Override;
+use std::path::Path;
 
 #[test]
 fn patrol_goes_its_rounds_without_coordination() {
@@ -29,4 +31,64 @@ fn push_at_one_arm_delays_that_arm_only() {
     // The arm waits for a second before it goes on.
     let later = [0, 1].map(|arm| ended(&pushed, arm) - ended(&alone, arm));
     assert!(later[0] > 0.9 && later[1].abs() < 1e-9, "{later:?}");
+}
+
+/// Returns the faults of a shipped scenario with the override `set`.
+fn refused(name: &str, set: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(name);
+    rubik_robot::tasks::load(&path, &[Override::parse(set).unwrap()]).unwrap_err().to_string()
+}
+
+/// Returns a figure of a run.
+fn figure(summary: &Summary, name: &str) -> f64 {
+    summary.figures[name].as_f64().unwrap()
+}
+
+/// The same bar on the same way with the same errors of the cell: only the yielding partner keeps
+/// the bound on the internal force.
+#[test]
+fn yielding_partner_carries_bar_within_bound() {
+    let yielding = run("carry_bar.toml", &["seed=5"]);
+    let stiff = run("carry_bar.toml", &["seed=5", "carry_bar.partner=stiff"]);
+
+    assert_eq!(yielding.outcome, Outcome::Solved, "{}", yielding.reason);
+    assert!(figure(&yielding, "internal_p99_n") < 5.0, "{:?}", yielding.figures);
+    assert!(figure(&yielding, "placed_off_mm") < 5.0, "{:?}", yielding.figures);
+    assert_eq!(stiff.outcome, Outcome::Failed, "{}", stiff.reason);
+    assert!(figure(&stiff, "internal_p99_n") > 15.0, "{:?}", stiff.figures);
+}
+
+/// A push stops both hands at a low limit. They yield, and then carry the bar on to its place.
+#[test]
+fn push_at_carrier_delays_but_loses_no_bar() {
+    let push = "fault=[{name=\"p\",kind=\"push\",arm=\"postument\",direction=1,magnitude=20,\
+                at_s=7,duration_s=0.12}]";
+
+    let summary = run("carry_bar.toml", &["carry_bar.stop_force_n=15", push]);
+
+    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert!(figure(&summary, "stops") >= 1.0, "{:?}", summary.figures);
+    assert!(figure(&summary, "placed_off_mm") < 5.0, "{:?}", summary.figures);
+}
+
+/// A bar that one gripper lets go is no success, whatever the controller believes.
+#[test]
+fn dropped_bar_is_no_success() {
+    let drop = "fault=[{name=\"d\",kind=\"drop\",arm=\"track\",at_s=8}]";
+
+    let summary = run("carry_bar.toml", &[drop]);
+
+    assert_ne!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+}
+
+#[test]
+fn carry_bar_needs_two_arms_and_turns() {
+    for (set, fault) in [
+        ("carry_bar.turns_deg=[0]", "`carry_bar.turns_deg`: the way has 3 points and 1 turns"),
+        ("carry_bar.speed_mm_s=400", "is faster than `control.linear_speed_mm_s`"),
+        ("coordination=sporadic", "needs \"continuous\""),
+    ] {
+        let faults = refused("carry_bar.toml", set);
+        assert!(faults.contains(fault), "{set}: {faults}");
+    }
 }

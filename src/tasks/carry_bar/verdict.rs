@@ -1,0 +1,100 @@
+//! The verdict on the task `carry_bar`: the way and the internal force of the plant's bar.
+
+use super::door::CarryBar;
+use super::keys::Keys;
+use super::upright;
+use crate::hw::plant::{ObjectState, ObjectTruth, Plant};
+use crate::registry::{Judgement, Truth, Verdict};
+use nalgebra::Vector3;
+
+/// Name of the bar in the scenario's list of objects.
+const BAR: &str = "bar";
+/// Distance and turn from its place within which the bar must lie at the end (m, rad).
+const PLACED: (f64, f64) = (0.012, 0.035);
+/// Share of the ordered lift by which the bar must have been lifted.
+const LIFTED: f64 = 0.8;
+
+/// Height above its start from which a bar that is let go falls (m); below it is laid down.
+const FALLS: f64 = 0.003;
+
+/// Judge of the task.
+#[derive(Debug, Default)]
+pub struct BarCarried {
+    /// Place of the bar's centre before the first period (m).
+    start: Option<Vector3<f64>>,
+    /// Greatest height above it (m).
+    lifted: f64,
+    /// Height above it in the period before (m).
+    before: f64,
+    /// Number of times that the hands had let the bar go until then, and of its falls.
+    drops: (u32, u32),
+}
+
+impl Verdict for BarCarried {
+    type Task = CarryBar;
+
+    fn watch(&mut self, _: u64, plant: &Plant) {
+        let Some(bar) = plant.objects().find(|object| &*object.name == BAR) else { return };
+        let place = bar.world_from_object.translation.vector;
+        let start = *self.start.get_or_insert(place);
+        let height = place.z - start.z;
+        self.lifted = self.lifted.max(height);
+        if bar.drops > self.drops.0 {
+            self.drops.0 = bar.drops;
+            self.drops.1 += u32::from(self.before > FALLS);
+        }
+        self.before = height;
+    }
+
+    fn judge(&self, keys: &Keys, truth: &Truth) -> Judgement {
+        let bar = truth.verdict.objects.iter().find(|object| &*object.name == BAR);
+        let (Some(bar), Some(start)) = (bar, self.start) else {
+            return Judgement::new(false, "the plant has no object named \"bar\"");
+        };
+        self.judge_bar(bar, &start, keys)
+    }
+}
+
+impl BarCarried {
+    /// Judges the bar at the end. `start` is its place at the beginning (m).
+    fn judge_bar(&self, bar: &ObjectTruth, start: &Vector3<f64>, keys: &Keys) -> Judgement {
+        let [x, y] = keys.way.last().copied().unwrap_or_default();
+        let turn = keys.turns.last().copied().unwrap_or_default();
+        let wanted = upright(start + Vector3::new(x, y, 0.0), keys.bar_yaw + turn);
+        let off = (bar.world_from_object.translation.vector - wanted.translation.vector).norm();
+        let turned = bar.world_from_object.rotation.angle_to(&wanted.rotation);
+        let internal = bar.internal;
+        let mut wrong = Vec::new();
+        if bar.state != ObjectState::Resting || off > PLACED.0 || turned > PLACED.1 {
+            wrong.push(format!(
+                "it is {:?}, {:.1} mm and {:.1} deg from its place",
+                bar.state,
+                off * 1e3,
+                turned.to_degrees()
+            ));
+        }
+        if self.lifted < LIFTED * keys.lift {
+            wrong.push(format!("it was lifted by {:.0} mm", self.lifted * 1e3));
+        }
+        if internal.periods == 0 || internal.p99_force >= keys.internal {
+            wrong.push(format!("its internal force was {:.1} N", internal.p99_force));
+        }
+        let falls = self.drops.1;
+        if falls + bar.slips > 0 {
+            wrong.push(format!("it fell {falls} times and slipped {} times", bar.slips));
+        }
+        let words = if wrong.is_empty() {
+            format!("the bar is at its place; internal force {:.1} N", internal.p99_force)
+        } else {
+            format!("the bar is not carried as ordered: {}", wrong.join("; "))
+        };
+        Judgement::new(wrong.is_empty(), words)
+            .with("internal_p99_n", internal.p99_force)
+            .with("internal_most_n", internal.most_force)
+            .with("internal_torque_most_nm", internal.most_torque)
+            .with("placed_off_mm", off * 1e3)
+            .with("placed_turned_deg", turned.to_degrees())
+            .with("lifted_mm", self.lifted * 1e3)
+            .with("carried_s", internal.periods as f64 * crate::motion::PERIOD)
+    }
+}
