@@ -3,7 +3,9 @@
 //! Under sporadic or continuous coordination MP moves all arms together. Without coordination each
 //! ECP carries out a programme of its own, and MP waits for their ends.
 
+use crate::nod::{Nod, NodOrder};
 use rubik_robot::generators::Behaviour;
+use rubik_robot::generators::own::MotionGenerator as _;
 use rubik_robot::kernel::programme::EcpTask;
 use rubik_robot::kernel::robot::{Hindrance, Robot, RobotKernel};
 use rubik_robot::kernel::{Message, Until};
@@ -16,6 +18,8 @@ use rubik_robot::section;
 const PATIENCE: f64 = 120.0;
 /// Number of the wrist's joint that waves.
 const WRIST: usize = 6;
+/// Number of the joint that nods.
+const NODS: usize = 4;
 /// Largest distance of a tool from its first place at the end (m).
 const BACK_WITHIN: f64 = 0.002;
 
@@ -60,6 +64,7 @@ async fn together(robot: Robot, keys: Keys) -> Result<String, Hindrance> {
         }
     }
     robot.report("waves", keys.times);
+    nod(&robot, keys.swing).await?;
     measure(&robot).await?;
     Ok(format!("all arms have waved {} times", keys.times))
 }
@@ -86,6 +91,14 @@ async fn apart(robot: Robot, keys: Keys) -> Result<String, Hindrance> {
     } else {
         Err(Hindrance(failed.join("; ")))
     }
+}
+
+/// Nods with the first arm.
+async fn nod(robot: &Robot, angle: f64) -> Result<(), Hindrance> {
+    let order = NodOrder { joint: NODS, angle, seconds: 2.0 };
+    let nod = Nod::behaviour("nod", &order).map_err(Hindrance)?;
+    robot.behave(0, nod).await?;
+    Ok(())
 }
 
 /// Reports the distance of the hands by the sensor `gap`.
