@@ -231,10 +231,11 @@ impl Robot {
         self.adjust(effector, Adjustment::Load { weight, centre }).await
     }
 
-    /// Ends the fault of an arm that has stopped while it carried out a programme.
+    /// Ends the fault of an arm that has stopped while it carried out a programme. A limit switch
+    /// that is still pressed stops the arm again when it moves.
     ///
     /// # Errors
-    /// If the cause of the fault has not gone, such as a pressed emergency stop.
+    /// If the cause of the fault acts on, such as a pressed emergency stop.
     pub async fn reset(&self, effector: usize) -> Result<(), Hindrance> {
         self.adjust(effector, Adjustment::Reset).await
     }

@@ -415,8 +415,16 @@ fn fault_event(
     keys: &FaultKeys,
     others: &mut Vec<Disturbance>,
 ) -> Option<What> {
+    if keys.kind? == FaultKind::Input {
+        let Input { effector, bit } = config.input(keys.input.as_deref()?)?;
+        return Some(What::Input { arm: effector, bit });
+    }
+    event_in_cell(&config.cell, keys, others)
+}
+
+/// Returns the event of [`fault_event`] for a fault that concerns no input.
+fn event_in_cell(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<What> {
     use FaultKind as K;
-    let cell = &config.cell;
     let arm = index(cell.arms.iter().map(|a| &a.name), keys.arm.as_ref());
     let camera = index(cell.cameras.iter().map(|c| &c.name), keys.camera.as_ref());
     let axis = keys.axis.unwrap_or_default() as usize;
@@ -436,10 +444,6 @@ fn fault_event(
         K::EncoderJump => return Some(What::EncoderJump { arm, axis, by: size }),
         K::OverCurrent => return Some(What::OverCurrent { arm, axis, amperes: size }),
         K::LimitSwitch => return Some(What::LimitSwitch { arm, axis }),
-        K::Input => {
-            let Input { effector, bit } = config.input(keys.input.as_deref()?)?;
-            return Some(What::Input { arm: effector, bit });
-        }
         K::ForceDropout => return Some(What::ForceDropout { arm }),
         K::ForceNan => return Some(What::ForceNan { arm, direction }),
         K::ForceSaturation => return Some(What::ForceSaturation { arm, direction }),
@@ -449,15 +453,13 @@ fn fault_event(
         K::Jam => return Some(What::Jam { torque: size }),
         K::TurnUndone => return Some(What::TurnUndone { takes: size }),
         K::Push => {
-            let mut force = Vector3::zeros();
-            force[direction.min(2)] = size;
+            let force = Vector3::from_fn(|i, _| if i == direction.min(2) { size } else { 0.0 });
             return Some(What::Push { arm, force });
         }
         K::Withdraw => return Some(What::Withdraw),
-        // Errors of the cell, see `add_cell_error`.
-        K::UnderConstrained | K::OverConstrained | K::JawCalibration | K::BaseCalibration => {
-            return None;
-        }
+        // Errors of the cell: see `add_cell_error`.
+        K::UnderConstrained | K::OverConstrained => return None,
+        K::JawCalibration | K::BaseCalibration | K::Input => return None,
         // Disturbances of the servo's time, the cameras and the messages.
         K::MissedPeriods => Disturbance::Missed(size as u64),
         K::ClockJump => Disturbance::ClockJump(size * 1e-3),

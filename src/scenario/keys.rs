@@ -84,7 +84,7 @@ words! {
         /// Colour thresholds, regions and filters, as in the paper, and a vote of lattices.
         Paper = "paper",
         /// All of the paper: the same regions, and the square whose centre tile has the most
-        /// neighbours and whose corner tiles have the fewest. Faces below 100 px are refused.
+        /// neighbours and whose corner tiles have the fewest.
         Square = "square",
     }
 }

@@ -220,7 +220,8 @@ impl Patch {
     /// [`Refusal`] with the reason why there is no square.
     fn square(&self) -> Result<FaceSighting, Refusal> {
         let stages = Stages::run(&self.rgb, self.width, self.height, &Filters::default());
-        let square = stages.square()?;
+        // `detect` and its caller judge the width, in pixels of the whole image.
+        let square = stages.square_from(0.0)?;
         let tiles = square.tiles.len();
         let mut face = square.face().ok_or(Refusal::NoLattice { tiles })?;
         face.corners = face.corners.map(|p| self.to_image(p));

@@ -443,6 +443,14 @@ impl Stages {
     /// [`Refusal::NoLattice`] if there is no such square, [`Refusal::TooSmall`] if the face is so
     /// narrow that the cube is outside the workspace.
     pub fn square(&self) -> Result<Square, Refusal> {
+        self.square_from(LEAST_WIDTH)
+    }
+
+    /// Finds the face in the picture as [`Stages::square`] does, from a width of `least` on (px).
+    ///
+    /// # Errors
+    /// [`Refusal::NoLattice`] if there is no such square, [`Refusal::TooSmall`] if it is narrower.
+    pub fn square_from(&self, least: f64) -> Result<Square, Refusal> {
         let left = self.last();
         let mut order: Vec<usize> = left.to_vec();
         let near = Near::new(&self.regions, left);
@@ -457,7 +465,7 @@ impl Stages {
             .max_by(|a, b| a.area().total_cmp(&b.area()))
             .ok_or(Refusal::NoLattice { tiles: left.len() })?;
         let width_px = width(&best);
-        if width_px < LEAST_WIDTH { Err(Refusal::TooSmall { width_px }) } else { Ok(best) }
+        if width_px < least { Err(Refusal::TooSmall { width_px }) } else { Ok(best) }
     }
 
     /// Finds the square of nine regions around the region `centre`: this one and the nearest eight

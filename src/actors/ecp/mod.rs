@@ -305,8 +305,7 @@ impl Ecp {
                     let _ = reply.send(answer);
                 }
                 Request::State { reply } => {
-                    let answer = self.heartbeat.away(self.parts.edp.state()).await;
-                    let _ = reply.send(answer);
+                    let _ = reply.send(self.heartbeat.away(self.parts.edp.state()).await);
                 }
                 // MP asks every ECP. One without the stand-alone camera ignores it.
                 Request::Watch { on } => {

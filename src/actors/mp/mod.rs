@@ -548,7 +548,14 @@ impl Mp {
             let cause = NonFatal::Arguments(why);
             return Err(Error::NonFatal { actor: "mp".into(), place: "adjust", cause });
         }
-        self.heartbeat.away(ecp.adjust(adjustment)).await?;
+        match self.heartbeat.away(ecp.adjust(adjustment)).await {
+            // The arm stays stopped, as since the end of its programme: the task decides.
+            Err(Error::Fatal { actor, place, cause, .. }) if adjustment == Adjustment::Reset => {
+                let cause = NonFatal::Arguments(cause.to_string());
+                return Err(Error::NonFatal { actor, place, cause });
+            }
+            adjusted => adjusted?,
+        };
         if let Adjustment::Tool(flange_from_tool) = adjustment {
             // Paths are checked for the tool of the cell, whose body does not change with a frame.
             let believed =
