@@ -207,11 +207,7 @@ impl MoveInstruction {
     /// # Errors
     /// If the behaviour is one of a registered generator, and there is none of its name or it
     /// refuses the order.
-    pub fn begin(
-        behaviour: &Behaviour,
-        manner: &Manner,
-        arm: &ArmState,
-    ) -> Result<Self, NonFatal> {
+    pub fn begin(behaviour: &Behaviour, manner: &Manner, arm: &ArmState) -> Result<Self, NonFatal> {
         let macrostep = f64::from(manner.compliance.macrostep) * PERIOD;
         let ramp = (REST / macrostep).ceil().max(1.0) as u32;
         let generator = Generator::begin(behaviour, &manner.site(arm), &manner.library)
@@ -464,8 +460,7 @@ mod tests {
         assert!(ways[0] > 1e-3 && ways.last().is_some_and(|way| *way < 0.1 * ways[0]), "{ways:?}");
         let seconds = ways.len() as f64 * 0.016;
         assert!((0.11..0.15).contains(&seconds), "{seconds} s instead of 0.12 s: {ways:?}");
-        let mut yields =
-            begin(&Behaviour::Comply { selector: [true; 6] });
+        let mut yields = begin(&Behaviour::Comply { selector: [true; 6] });
         assert!(yields.end(Ending::Slowing), "a compliant behaviour is at rest at once");
         let mut fast = begin(&joints);
         assert!(fast.end(Ending::AtOnce), "the servo brakes a motion whose partner has stopped");

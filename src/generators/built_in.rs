@@ -5,9 +5,7 @@
 
 use super::contact::{Carry, Contour, Guarded, Guide};
 use super::own::Library;
-use super::paths::{
-    Along, Arc, JointPolyline, JointSpline, Line, Polyline, Spline,
-};
+use super::paths::{Along, Arc, JointPolyline, JointSpline, Line, Polyline, Spline};
 
 /// Returns the library with the generators of this crate.
 #[must_use]

@@ -39,12 +39,9 @@ impl Kind {
     fn of(behaviour: &Behaviour, site: &Site<'_>, library: &Library) -> Result<Self, String> {
         let Site { compliance, speeds, .. } = site;
         Ok(match *behaviour {
-            Behaviour::Joints { target, speed, seconds } => Self::Position(position::Position::joints(
-                target,
-                (speed, seconds),
-                speeds,
-                compliance.macrostep,
-            )),
+            Behaviour::Joints { target, speed, seconds } => Self::Position(
+                position::Position::joints(target, (speed, seconds), speeds, compliance.macrostep),
+            ),
             Behaviour::Legs { legs, seconds } => Self::Position(position::Position::legs(
                 legs,
                 seconds,
@@ -72,7 +69,15 @@ impl Kind {
             Behaviour::Secure { press, force, selector, stops } => {
                 Self::Secure(secure::Secure::press(press, force, selector, stops, *compliance))
             }
-            Behaviour::Turn { angle, speed, acceleration, torque, least_torque, selector, stiff } => {
+            Behaviour::Turn {
+                angle,
+                speed,
+                acceleration,
+                torque,
+                least_torque,
+                selector,
+                stiff,
+            } => {
                 let order = turn::Order {
                     angle,
                     speed,

@@ -30,9 +30,7 @@ pub(super) fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
             *pose = Pose::from_parts(
                 from.translation.vector.lerp(&pose.translation.vector, inputs.pace).into(),
                 // A registered generator may turn the tool by half a turn, which has no shortest way.
-                from.rotation
-                    .try_slerp(&pose.rotation, inputs.pace, 0.0)
-                    .unwrap_or(pose.rotation),
+                from.rotation.try_slerp(&pose.rotation, inputs.pace, 0.0).unwrap_or(pose.rotation),
             );
         }
         // At full pace the pose is kept exactly. The other motions come from position control

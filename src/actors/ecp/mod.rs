@@ -317,9 +317,10 @@ impl Ecp {
     /// Returns the outcome and the state of the arm at the end.
     async fn behave(&mut self, behaviour: &Behaviour) -> Result<(Outcome, ArmState), Error> {
         let mut state = self.heartbeat.away(self.parts.edp.state()).await?;
-        let mut motion = MoveInstruction::begin(behaviour, &self.parts.manner, &state).map_err(
-            |cause| Error::NonFatal { actor: self.name.clone(), place: "begin a motion", cause },
-        )?;
+        let mut motion =
+            MoveInstruction::begin(behaviour, &self.parts.manner, &state).map_err(|cause| {
+                Error::NonFatal { actor: self.name.clone(), place: "begin a motion", cause }
+            })?;
         loop {
             // A pause has brought the motion to rest. The EDP is still asked for the state, since
             // a fault must not wait for the operator.

@@ -281,7 +281,8 @@ mod tests {
         let target = JointPositions([0.5; AXES]);
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 1.0 };
         let mut running = Running { motions: vec![None, None], outcomes: vec![None, None] };
-        running.motions[1 - first] = Some(MoveInstruction::begin(&joints, &example_manner(), &ArmState::default()).unwrap());
+        running.motions[1 - first] =
+            Some(MoveInstruction::begin(&joints, &example_manner(), &ArmState::default()).unwrap());
         running.outcomes[first] = Some(outcome);
         running
     }

@@ -71,11 +71,7 @@ impl Library {
     ///
     /// # Errors
     /// As [`Library::begin`], or if the declared course cannot be used.
-    pub fn forecast(
-        &self,
-        order: &OwnOrder,
-        site: &Site<'_>,
-    ) -> Result<Option<Forecast>, String> {
+    pub fn forecast(&self, order: &OwnOrder, site: &Site<'_>) -> Result<Option<Forecast>, String> {
         let forecast = self.begin(order, site)?.forecast();
         forecast.map_err(|why| format!("generator `{}`: {why}", order.generator))
     }
@@ -146,8 +142,7 @@ mod tests {
     fn pace_and_fraction_slow_velocities_down() {
         let mut along = begin(&OwnOrder { fraction: 0.5, ..order(0.8) }).unwrap();
         let arm = ArmState::default();
-        let mut next =
-            |pace| along.next(&Inputs { arm: &arm, target: None, period: 0, pace }).0;
+        let mut next = |pace| along.next(&Inputs { arm: &arm, target: None, period: 0, pace }).0;
         let velocity = |next: &Next| match next {
             Next::Go(command) => match command.motion {
                 Motion::Task { directions: [Direction::Unguarded { velocity }, ..], .. } => {

@@ -118,7 +118,8 @@ fn point(pose: &Pose, turned: Vector3<f64>) -> [f64; 6] {
 /// Returns the rotation vector of a turn (rad), of all equivalent ones that nearest to `last`.
 fn near(turn: &UnitQuaternion<f64>, last: &Vector3<f64>) -> Vector3<f64> {
     let vector = turn.scaled_axis();
-    let axis = vector.try_normalize(1e-9).unwrap_or_else(|| last.try_normalize(1e-9).unwrap_or_default());
+    let axis =
+        vector.try_normalize(1e-9).unwrap_or_else(|| last.try_normalize(1e-9).unwrap_or_default());
     let turns = ((last - vector).dot(&axis) / TAU).round();
     vector + axis * (turns * TAU)
 }
@@ -153,10 +154,7 @@ impl Curve for Tool {
         }
         let [x, y, z, a, b, c] = self.path.at(u);
         let turned = UnitQuaternion::from_scaled_axis(Vector3::new(a, b, c));
-        Place::Pose(Pose::from_parts(
-            Vector3::new(x, y, z).into(),
-            turned * self.from.rotation,
-        ))
+        Place::Pose(Pose::from_parts(Vector3::new(x, y, z).into(), turned * self.from.rotation))
     }
 }
 

@@ -212,8 +212,7 @@ fn bounded(cell: &Cell, seconds: f64) -> Planned {
     let acceleration_of = |Demand { derivatives: [first, second, third], limit }: &Demand| {
         let by_curve = limit.acceleration - second * speed * speed;
         let by_jerk = limit.jerk - third * speed.powi(3);
-        over(by_curve, *first)
-            .min(over(by_jerk, 3.0 * second * speed + 2.0 * first / seconds))
+        over(by_curve, *first).min(over(by_jerk, 3.0 * second * speed + 2.0 * first / seconds))
     };
     let acceleration = cell.demands.iter().map(acceleration_of).fold(f64::INFINITY, f64::min);
     Planned { length: cell.length, speed, acceleration, squares: (0.0, 0.0) }

@@ -554,8 +554,8 @@ mod tests {
     fn offered(gap: f64, closed: Outcome, pulled: Outcome) -> (Finish, Vec<&'static str>) {
         let last = Entry { doing: "handing back".to_owned(), ..lowering() };
         played(last, gap, |order| match order {
-            Behaviour::Grasp { .. } => Some(closed),
-            Behaviour::Withdraw { .. } => Some(pulled),
+            Behaviour::Grasp { .. } => Some(closed.clone()),
+            Behaviour::Withdraw { .. } => Some(pulled.clone()),
             Behaviour::VisualServo(_) => Some(Outcome::LostSight(5.0)),
             _ => None,
         })
