@@ -826,7 +826,9 @@ mod tests {
 
         mp.guard_orders(&mut orders, &[None, None]).unwrap();
 
-        let Some(Behaviour::Legs { legs, seconds }) = orders[0].clone() else { panic!("{orders:?}") };
+        let Some(Behaviour::Legs { legs, seconds }) = orders[0].clone() else {
+            panic!("{orders:?}")
+        };
         assert_eq!(*legs.end(), target);
         let guard = mp.guard().unwrap();
         let way = PlannedMotion::Joints(target);

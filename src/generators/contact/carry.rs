@@ -206,20 +206,19 @@ mod tests {
         off.translation.vector.y += 0.001;
         let grips = [grips[0], off];
         let mut states = [0, 1].map(|i: usize| arms[i].state(Vector3::zeros()));
-        let mut carriers = [[false; 6], yields].map(Some).into_iter().zip(&states).zip([-0.2, 0.2]);
-        let mut make = || {
-            let ((selector, arm), x) = carriers.next().unwrap();
-            let order = CarryOrder {
-                path: path(),
-                tool_from_body: Pose::translation(-x, 0.0, 0.0),
-                lever: 0.2,
-                yields: selector.unwrap(),
-                bound: (bound, 10.0),
-            };
-            let site = Site { compliance: compliance(), speeds: speeds(), arm, fraction: 1.0 };
-            Carry::<Polyline>::begin(order, &site).unwrap()
-        };
-        let mut carriers = [make(), make()];
+        let mut carriers =
+            [([false; 6], -0.2), (yields, 0.2)].map(|(yields, x): (Selector, f64)| {
+                let order = CarryOrder {
+                    path: path(),
+                    tool_from_body: Pose::translation(-x, 0.0, 0.0),
+                    lever: 0.2,
+                    yields,
+                    bound: (bound, 10.0),
+                };
+                let arm = &states[usize::from(x > 0.0)];
+                let site = Site { compliance: compliance(), speeds: speeds(), arm, fraction: 1.0 };
+                Carry::<Polyline>::begin(order, &site).unwrap()
+            });
         let (mut outcomes, mut most, mut step) = ([None, None], 0.0_f64, 0);
         while outcomes.iter().all(Option::is_none) {
             let mut motions = [Motion::Hold; 2];

@@ -649,7 +649,7 @@ mod tests {
         let (end, words) = played(last, 0.09, |order| match order {
             Behaviour::VisualServo(order) => {
                 patience = Some(order.patience);
-                Some(ended)
+                Some(ended.clone())
             }
             _ => None,
         });
