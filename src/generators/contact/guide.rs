@@ -71,7 +71,7 @@ impl MotionGenerator for Guide {
             compliance: site.compliance,
             step: site.step(),
             way: Guided { interval, joints: Vec::new(), poses: Vec::new() },
-            since: f64::INFINITY,
+            since: interval,
             rested: 0.0,
             strained: 0.0,
             last: site.arm.desired_base_from_tool,
@@ -116,22 +116,13 @@ impl Guide {
         if self.since + 1e-9 < self.way.interval {
             return;
         }
-        self.since = 0.0;
+        self.since -= self.way.interval;
         self.way.joints.push(joints);
         self.way.poses.push(pose);
         if self.way.joints.len() >= MOST {
-            // A long way keeps its beginning, at twice the interval.
-            let mut odd = false;
-            let mut keep = || {
-                odd = !odd;
-                odd
-            };
-            self.way.joints.retain(|_| keep());
-            let mut odd = false;
-            self.way.poses.retain(|_| {
-                odd = !odd;
-                odd
-            });
+            // A long way is kept as a whole, at twice the interval.
+            self.way.joints = self.way.joints.iter().step_by(2).copied().collect();
+            self.way.poses = self.way.poses.iter().step_by(2).copied().collect();
             self.way.interval *= 2.0;
         }
     }
