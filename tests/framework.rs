@@ -20,7 +20,7 @@ use rubik_robot::actors::{ecp, edp};
 use rubik_robot::cell::Arm;
 use rubik_robot::emergency_stop::{EmergencyStop, StopButton};
 use rubik_robot::error::{Error, Fatal, NonFatal};
-use rubik_robot::generators::own::{Clock, MotionGenerator, OwnOrder, Pacing, Site};
+use rubik_robot::generators::own::{Clock as MotionClock, MotionGenerator, OwnOrder, Pacing, Site};
 use rubik_robot::generators::paths::{Along, Line};
 use rubik_robot::generators::{Behaviour, Inputs, Next, Outcome};
 use rubik_robot::hw::driver::{self, Core, ServoLink, Switches};
@@ -65,7 +65,7 @@ impl Kernel for Shift {
             }
             Event::Behaved(outcomes) => Action::Finish(Finish {
                 achieved: outcomes == [Some(Outcome::Reached)],
-                reason: Outcome::words(outcomes[0]),
+                reason: Outcome::words(outcomes[0].as_ref()),
             }),
             Event::Trouble(reason) => Action::Finish(Finish { achieved: false, reason }),
             other => Action::Finish(Finish { achieved: false, reason: format!("{other:?}") }),
@@ -271,7 +271,7 @@ async fn one_arm_runs_task_under_both_coordination_schemes() {
 }
 
 /// Generator of a user: turns the last joint by the ordered angle (rad) in a second and returns it.
-struct Nudge(f64, JointPositions, Clock);
+struct Nudge(f64, JointPositions, MotionClock);
 
 impl MotionGenerator for Nudge {
     type Order = f64;
@@ -280,7 +280,7 @@ impl MotionGenerator for Nudge {
         if by.abs() > 0.5 {
             return Err(format!("{by} rad are too far"));
         }
-        Ok(Self(by, site.arm.desired_joints, Clock::new(site)))
+        Ok(Self(by, site.arm.desired_joints, MotionClock::new(site)))
     }
 
     fn next(&mut self, inputs: &Inputs<'_>) -> Next {

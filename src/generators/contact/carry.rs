@@ -196,9 +196,9 @@ mod tests {
         Polyline { through: vec![corner, end], radius: 0.03, speed: 0.8 }
     }
 
-    /// Has two arms carry a bar of 0.4 m along [`path`]; the second yields in `yields`, and its hand
-    /// is 1 mm beside its place on the bar. Both bases are in the same place. Returns the outcomes,
-    /// the greatest force of the second half of the way (N), and the tools at the end.
+    /// Has two arms carry a bar of 0.4 m along [`path`]; the second yields in `yields`, and its
+    /// hand is 1 mm beside its place on the bar. Both bases are in the same place. Returns the
+    /// outcomes, the greatest force after the first second (N), and the tools at the end.
     fn carry(yields: Selector, bound: f64) -> ([Option<Outcome>; 2], f64, [Pose; 2]) {
         let grips = [-0.2, 0.2].map(|x| Pose::translation(x, 0.0, 0.0));
         let mut arms = grips.map(Arm::at);

@@ -53,7 +53,7 @@ impl Arm {
 
 /// Runs a generator on an arm until it ends, at most for `seconds`. `force` gives the force of the
 /// tool on its surroundings in base axes (N), from the position of the tool, its velocity (m/s) and
-/// the time (s). `look` gets the state at each macrostep. Returns the outcome and the arm at the end.
+/// the time (s). `look` gets the state at each macrostep. Returns the outcome and the arm then.
 pub(super) fn run<G: MotionGenerator>(
     order: G::Order,
     start: Pose,
