@@ -26,7 +26,7 @@ pub struct Cell {
 }
 
 /// A curve, twice continuously differentiable, with a bounded third derivative.
-pub trait Curve: Send + 'static {
+pub trait Curve: Send + Sync + 'static {
     /// Returns the cells of the parameter in their order; none for a curve without a length.
     fn cells(&self) -> Vec<Cell>;
 
