@@ -9,7 +9,8 @@ use rubik_robot::actors::clock::Clock;
 use rubik_robot::actors::control::Control;
 use rubik_robot::actors::ecp::EcpHandle;
 use rubik_robot::actors::edp::EdpHandle;
-use rubik_robot::actors::move_instruction::example_manner;
+use rubik_robot::actors::manner;
+use rubik_robot::actors::move_instruction::{Manner, example_manner};
 use rubik_robot::actors::mp::{Coordination, Ending, Mp, Parts};
 use rubik_robot::actors::notice::Notice;
 use rubik_robot::actors::services::Services;
@@ -20,8 +21,9 @@ use rubik_robot::cell::Arm;
 use rubik_robot::emergency_stop::{EmergencyStop, StopButton};
 use rubik_robot::error::{Error, Fatal, NonFatal};
 use rubik_robot::generators::contact::{Guarded, GuardedOrder};
-use rubik_robot::generators::own::MotionGenerator as _;
-use rubik_robot::generators::{Behaviour, Outcome};
+use rubik_robot::generators::own::{Clock as MotionClock, MotionGenerator, OwnOrder, Pacing, Site};
+use rubik_robot::generators::paths::{Along, Line};
+use rubik_robot::generators::{Behaviour, Inputs, Next, Outcome};
 use rubik_robot::hw::driver::{self, Core, ServoLink, Switches};
 use rubik_robot::hw::plant::fault::{Fault, What, When};
 use rubik_robot::hw::plant::{Plant, PlantConfig};
@@ -65,7 +67,7 @@ impl Kernel for Shift {
             }
             Event::Behaved(outcomes) => Action::Finish(Finish {
                 achieved: outcomes == [Some(Outcome::Reached)],
-                reason: Outcome::words(outcomes[0]),
+                reason: Outcome::words(outcomes[0].as_ref()),
             }),
             Event::Trouble(reason) => Action::Finish(Finish { achieved: false, reason }),
             other => Action::Finish(Finish { achieved: false, reason: format!("{other:?}") }),
@@ -119,7 +121,7 @@ fn rig_of(
     let (trace, notices) = Trace::bare(hash);
     let services = Services::bare(clock, will, trace);
     let (edp, ecp) = actors_of(&arm.name, link, &services);
-    let parts = Parts::bare(vec![ecp], vec![example_manner()], services);
+    let parts = Parts::bare(vec![ecp], vec![manner()], services);
     let mp = Mp::new(Parts { coordination, journal: journal(&scene), forces, ..parts });
     Rig {
         mp,
@@ -173,7 +175,7 @@ fn actors_of(name: &str, link: ServoLink, services: &Services) -> (EdpHandle, Ec
         hand_camera: None,
         sensors: Vec::new(),
         programmes: programmes(),
-        manner: example_manner(),
+        manner: manner(),
         services: services.clone(),
     };
     (edp, ecp::spawn(name, parts))
@@ -194,7 +196,7 @@ fn three_arms(coordination: Coordination) -> (Mp, Vec<EdpHandle>) {
     let actors = arms.into_iter().enumerate();
     let (edps, ecps): (Vec<_>, _) =
         actors.map(|(i, (_, link))| actors_of(&format!("arm {i}"), link, &services)).unzip();
-    let parts = Parts::bare(ecps, vec![example_manner(); 3], services);
+    let parts = Parts::bare(ecps, vec![manner(); 3], services);
     (Mp::new(Parts { coordination, ..parts }), edps)
 }
 
@@ -290,6 +292,137 @@ async fn one_arm_runs_task_under_both_coordination_schemes() {
         assert!(ending.finish.unwrap().achieved);
         let wanted = JointPositions(std::array::from_fn(|i| from.0[i] + SHIFT.0[i]));
         assert!(furthest(&to, &wanted) < 1e-9, "{to:?} {wanted:?} {from:?}");
+    }
+}
+
+/// Generator of a user: turns the last joint by the ordered angle (rad) in a second and returns it.
+struct Nudge(f64, JointPositions, MotionClock);
+
+impl MotionGenerator for Nudge {
+    type Order = f64;
+
+    fn begin(by: f64, site: &Site<'_>) -> Result<Self, String> {
+        if by.abs() > 0.5 {
+            return Err(format!("{by} rad are too far"));
+        }
+        Ok(Self(by, site.arm.desired_joints, MotionClock::new(site)))
+    }
+
+    fn next(&mut self, inputs: &Inputs<'_>) -> Next {
+        if self.2.time() >= 1.0 {
+            return Next::Done(Outcome::own(&self.0));
+        }
+        let part = self.2.advance(inputs).min(1.0);
+        let mut at = self.1;
+        at.0[6] += self.0 * part * part * (3.0 - 2.0 * part);
+        Next::go(Motion::Joints(at))
+    }
+
+    fn pacing(&self) -> Pacing {
+        Pacing::Clock
+    }
+}
+
+/// Returns the parameters of generators in these tests. [`Nudge`] enters by the registry and the
+/// scenario, as in a program of a user.
+fn manner() -> Manner {
+    let catalogue = rubik_robot::tasks::built_in().generator::<Nudge>("nudge").catalogue();
+    let read = rubik_robot::scenario::read(Path::new("one_arm.toml"), ONE_ARM, &[], &catalogue);
+    let library = manner::manner(&read.unwrap().controller, 0).library;
+    Manner { library, ..example_manner() }
+}
+
+/// Task that orders the first arm one motion and ends with its outcome in words.
+struct Orders(Behaviour);
+
+impl Kernel for Orders {
+    type Thought = ();
+    type Entry = Progress;
+
+    fn next(&mut self, event: Event<()>, _: &Readings<'_>) -> Action<()> {
+        match event {
+            Event::Start => {
+                Action::Behave { orders: vec![Some(self.0.clone())], until: Until::All }
+            }
+            Event::Trouble(reason) => Action::Finish(Finish { achieved: false, reason }),
+            other => Action::Finish(Finish { achieved: true, reason: format!("{other:?}") }),
+        }
+    }
+}
+
+/// Runs an order on one arm. Returns the reason with which its task finishes, and by how much the
+/// joints have moved (m or rad).
+async fn ordered(coordination: Coordination, order: Behaviour) -> (String, JointPositions) {
+    let rig = rig(coordination);
+    let from = rig.edp.state().await.unwrap().desired_joints;
+    let ending = rig.mp.run(&mut Orders(order)).await;
+    assert_eq!(ending.error, None);
+    seconds(0.01).await;
+    let to = rig.edp.state().await.unwrap().desired_joints;
+    let moved = JointPositions(std::array::from_fn(|i| to.0[i] - from.0[i]));
+    (ending.finish.unwrap().reason, moved)
+}
+
+#[tokio::test(start_paused = true)]
+async fn registered_generator_runs_under_both_coordination_schemes() {
+    for coordination in [Coordination::Sporadic, Coordination::Continuous] {
+        let order = Nudge::behaviour("nudge", &0.25).unwrap();
+        let (reason, moved) = ordered(coordination, order).await;
+
+        assert_eq!(reason, "Behaved([Some(Own(Number(0.25)))])", "{coordination:?}");
+        assert!((moved.0[6] - 0.25).abs() < 1e-9, "{coordination:?}: {moved:?}");
+
+        // A generator of the crate enters by the same door.
+        let mut target = rig(coordination).edp.state().await.unwrap().desired_base_from_tool;
+        target.translation.vector.z += 0.05;
+        let line = Along::<Line>::behaviour("line", &Line { target, speed: 0.5 }).unwrap();
+        let (reason, _) = ordered(coordination, line).await;
+        assert_eq!(reason, "Behaved([Some(Reached)])", "{coordination:?}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn unknown_generator_and_refused_order_move_nothing() {
+    let unknown = OwnOrder { generator: "nod".into(), order: 0.1.into(), fraction: 1.0 };
+    let far = Nudge::behaviour("nudge", &0.7).unwrap();
+    let orders = [(Behaviour::Own(unknown), "no generator `nod`; known: "), (far, "too far")];
+    for coordination in [Coordination::Sporadic, Coordination::Continuous] {
+        for (order, why) in &orders {
+            let (reason, moved) = ordered(coordination, order.clone()).await;
+
+            assert!(reason.contains(why), "{coordination:?}: {reason}");
+            assert_eq!(furthest(&moved, &JointPositions::default()), 0.0);
+        }
+    }
+}
+
+/// A pause brings a registered generator to rest on its way, and a resume continues it.
+#[tokio::test(start_paused = true)]
+async fn pause_and_resume_keep_registered_motion() {
+    for coordination in [Coordination::Sporadic, Coordination::Continuous] {
+        let Rig { mp, edp, control, .. } = rig(coordination);
+        let from = edp.state().await.unwrap().desired_joints;
+        let mut target = edp.state().await.unwrap().desired_base_from_tool;
+        target.translation.vector.z += 0.1;
+        let line = Along::<Line>::behaviour("line", &Line { target, speed: 1.0 }).unwrap();
+        let mission = tokio::spawn(async move { mp.run(&mut Orders(line)).await });
+
+        seconds(0.6).await;
+        control.send(Control::Paused).unwrap();
+        seconds(2.0).await;
+        let stopped = edp.state().await.unwrap().desired_joints;
+        seconds(1.0).await;
+        let still = edp.state().await.unwrap().desired_joints;
+        control.send(Control::Running).unwrap();
+        let ending = mission.await.unwrap();
+
+        assert_eq!(stopped, still, "{coordination:?}");
+        assert!(furthest(&from, &stopped) > 0.01, "{coordination:?}");
+        assert_eq!(ending.finish.unwrap().reason, "Behaved([Some(Reached)])");
+        seconds(0.01).await;
+        let end = edp.state().await.unwrap().desired_base_from_tool;
+        let off = (end.translation.vector - target.translation.vector).norm();
+        assert!(off < 1e-6, "{coordination:?}: {off} m");
     }
 }
 
@@ -937,7 +1070,7 @@ async fn slow_or_full_disk_stops_no_other_actor() {
         let clock = Clock::new(tokio::time::Instant::now(), Arc::new(Switches::default()));
         let mut services = Services::bare(clock, will, trace);
         services.work = Work::at(Pace::RealTime);
-        let parts = Parts::bare(vec![], vec![example_manner()], services);
+        let parts = Parts::bare(vec![], vec![manner()], services);
         let journal = Journal::kept_by(Path::new("/nowhere/j"), Box::new(Slow { takes, full }));
         let mp = Mp::new(Parts { journal: Some(journal), ..parts });
         let longest = Arc::new(Mutex::new(Duration::ZERO));

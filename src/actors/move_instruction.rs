@@ -57,7 +57,7 @@ const REST: f64 = 0.6;
 /// stopped at once trips its power stage.
 const ENDS: f64 = 0.12;
 
-/// Longest time for which a generator that is not at rest at the pace 0 gets further macrosteps (s).
+/// Longest time for which a generator that is not at rest at the pace 0 gets more macrosteps (s).
 const STOPS: f64 = 5.0;
 
 /// Parameters of all generators of an effector.
@@ -154,7 +154,8 @@ impl Manner {
                 let (distance, turn) = tool_distance(arm, &target);
                 self.speeds.line_seconds(distance, turn, speed)
             }
-            // MP knows the time of a registered generator from its forecast. Contacts, forces and the cube's motion decide how long the others take.
+            // MP knows the time of a registered generator from its forecast. Contacts, forces and
+            // the cube's motion decide how long the others take.
             _ => 0.0,
         }
     }

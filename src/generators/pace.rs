@@ -29,7 +29,7 @@ pub(super) fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
             let from = inputs.arm.desired_base_from_tool;
             *pose = Pose::from_parts(
                 from.translation.vector.lerp(&pose.translation.vector, inputs.pace).into(),
-                // A registered generator may turn the tool by half a turn, which has no shortest way.
+                // A registered generator may ask for half a turn, which has no shortest way.
                 from.rotation.try_slerp(&pose.rotation, inputs.pace, 0.0).unwrap_or(pose.rotation),
             );
         }

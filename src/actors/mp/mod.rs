@@ -661,6 +661,8 @@ mod tests {
     use super::super::trace::Trace;
     use super::super::{ecp, edp};
     use super::*;
+    use crate::generators::own::MotionGenerator as _;
+    use crate::generators::paths::{Along, JointPolyline};
     use crate::hw::driver::{self, Switches};
     use crate::kernel::programme::Programmes;
     use crate::motion::JointPositions;
@@ -801,7 +803,7 @@ mod tests {
         let arms = [arm(past(0.2)), arm(meeting.postument)];
         let mp = standing(guard(), arms);
         let asked = [Some(to(past(0.4))), Some(to(rolled))];
-        let mut orders = asked;
+        let mut orders = asked.clone();
 
         mp.guard_orders(&mut orders, &[None, None]).unwrap();
 
@@ -813,6 +815,38 @@ mod tests {
         assert!(slower[0] > 1.2, "{slower:?}");
         // Their paths are free only if both arms have done the same share at each moment.
         assert!((slower[0] - slower[1]).abs() < 1e-9, "{slower:?}");
+    }
+
+    /// Returns the order for the registered motion of the joints through these places.
+    fn through(through: Vec<JointPositions>) -> Behaviour {
+        let order = JointPolyline { through, blend: 0.2, speed: 1.0 };
+        Along::behaviour("joint_polyline", &order).unwrap()
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn declared_course_is_checked_and_slowed() {
+        let (meeting, along) = meeting();
+        let stand = [arm(along(-0.3)), arm(meeting.postument)];
+        let mp = standing(guard(), stand);
+        let mut into = [Some(through(vec![along(0.3), along(-0.3)])), None];
+        let forecasts = mp.forecasts(&into).unwrap();
+        let refused = mp.guard_orders(&mut into, &forecasts);
+        assert!(matches!(refused, Err(Near::Arms(_) | Near::Hands(_))), "{refused:?}");
+
+        // Past the operator the motion gets more time.
+        let past = |d0: f64| JointPositions([d0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
+        let mp = standing(guard(), [arm(past(0.2)), arm(meeting.postument)]);
+        let mut orders = [Some(through(vec![past(0.4)])), None];
+        let forecasts = mp.forecasts(&orders).unwrap();
+        mp.guard_orders(&mut orders, &forecasts).unwrap();
+        let Some(Behaviour::Own(own)) = &orders[0] else { panic!("{orders:?}") };
+        assert!((0.2..0.9).contains(&own.fraction), "{}", own.fraction);
+        // The slower motion is slow enough.
+        let again = mp.forecasts(&orders).unwrap();
+        let fraction = own.fraction;
+        mp.guard_orders(&mut orders, &again).unwrap();
+        let Some(Behaviour::Own(own)) = &orders[0] else { panic!("{orders:?}") };
+        assert!((own.fraction / fraction - 1.0).abs() < 0.02, "{} {fraction}", own.fraction);
     }
 
     #[tokio::test(start_paused = true)]
@@ -829,11 +863,13 @@ mod tests {
         let mut target = track;
         target.0[1] += 1.2;
         let asked = to(target);
-        let mut orders = [Some(asked), None];
+        let mut orders = [Some(asked.clone()), None];
 
         mp.guard_orders(&mut orders, &[None, None]).unwrap();
 
-        let Some(Behaviour::Legs { legs, seconds }) = orders[0] else { panic!("{orders:?}") };
+        let Some(Behaviour::Legs { legs, seconds }) = orders[0].clone() else {
+            panic!("{orders:?}")
+        };
         assert_eq!(*legs.end(), target);
         let guard = mp.guard().unwrap();
         let way = PlannedMotion::Joints(target);

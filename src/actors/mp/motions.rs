@@ -291,10 +291,10 @@ mod tests {
     fn alarm_of_one_arm_stops_both_at_once() {
         for first in [0, 1] {
             let alarm = Outcome::OverForce(0, 30.0);
-            let mut alarmed = after(first, alarm);
+            let mut alarmed = after(first, alarm.clone());
             assert!(alarmed.is_over(Until::All) && alarmed.is_over(Until::Effector(1 - first)));
             assert!(alarmed.end(), "no further macrostep");
-            let mut wanted = [Some(Outcome::Ended); 2];
+            let mut wanted = [(); 2].map(|()| Some(Outcome::Ended));
             wanted[first] = Some(alarm);
             assert_eq!(alarmed.ended(), wanted);
 

@@ -176,3 +176,98 @@ fn levered(cell: &Cell, lever: f64) -> Cell {
     }
     cell
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::paths::Polyline;
+    use super::super::super::testing::{compliance, speeds};
+    use super::super::testing::Arm;
+    use super::*;
+    use nalgebra::UnitQuaternion;
+
+    /// Stiffness of the body between both hands (N/m).
+    const STIFF: f64 = 2e4;
+
+    /// Returns the path of the body: 0.15 m along x, then 0.1 m along y with a turn about z.
+    fn path() -> Polyline {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.4);
+        let corner = Pose::translation(0.15, 0.0, 0.0);
+        let end = Pose::from_parts(Vector3::new(0.15, 0.1, 0.0).into(), turn);
+        Polyline { through: vec![corner, end], radius: 0.03, speed: 0.8 }
+    }
+
+    /// Has two arms carry a bar of 0.4 m along [`path`]; the second yields in `yields`, and its
+    /// hand is 1 mm beside its place on the bar. Both bases are in the same place. Returns the
+    /// outcomes, the greatest force after the first second (N), and the tools at the end.
+    fn carry(yields: Selector, bound: f64) -> ([Option<Outcome>; 2], f64, [Pose; 2]) {
+        let grips = [-0.2, 0.2].map(|x| Pose::translation(x, 0.0, 0.0));
+        let mut arms = grips.map(Arm::at);
+        let mut off = grips[1];
+        off.translation.vector.y += 0.001;
+        let grips = [grips[0], off];
+        let mut states = [0, 1].map(|i: usize| arms[i].state(Vector3::zeros()));
+        let mut carriers =
+            [([false; 6], -0.2), (yields, 0.2)].map(|(yields, x): (Selector, f64)| {
+                let order = CarryOrder {
+                    path: path(),
+                    tool_from_body: Pose::translation(-x, 0.0, 0.0),
+                    lever: 0.2,
+                    yields,
+                    bound: (bound, 10.0),
+                };
+                let arm = &states[usize::from(x > 0.0)];
+                let site = Site { compliance: compliance(), speeds: speeds(), arm, fraction: 1.0 };
+                Carry::<Polyline>::begin(order, &site).unwrap()
+            });
+        let (mut outcomes, mut most, mut step) = ([None, None], 0.0_f64, 0);
+        while outcomes.iter().all(Option::is_none) {
+            let mut motions = [Motion::Hold; 2];
+            for i in 0..2 {
+                let inputs = Inputs { arm: &states[i], target: None, period: 0, pace: 1.0 };
+                match carriers[i].next(&inputs) {
+                    Next::Go(command) => motions[i] = command.motion,
+                    Next::Done(outcome) => outcomes[i] = Some(outcome),
+                }
+            }
+            for period in 0..8 {
+                // The place of the second grip on the bar that the first hand holds.
+                let there = arms[0].pose * grips[0].inverse() * grips[1];
+                let apart = arms[1].pose.translation.vector - there.translation.vector;
+                let force = STIFF * apart;
+                if period == 6 {
+                    states = [arms[0].state(-force), arms[1].state(force)];
+                }
+                arms[0].period(&motions[0], -force);
+                arms[1].period(&motions[1], force);
+                most = if step > 60 { most.max(force.norm()) } else { most };
+            }
+            step += 1;
+        }
+        (outcomes, most, arms.map(|arm| arm.pose))
+    }
+
+    #[test]
+    fn yielding_partner_bounds_internal_force() {
+        let (outcomes, force, [first, _]) = carry([true, true, true, false, false, false], 25.0);
+
+        assert!(outcomes.contains(&Some(Outcome::Reached)), "{outcomes:?}");
+        assert!(force < 5.0, "{force} N");
+        // The leading hand ends where the path of the bar has led it.
+        let Some(end) = path().through.pop() else { panic!("a path") };
+        let wanted = end * Pose::translation(-0.2, 0.0, 0.0);
+        let off = (first.translation.vector - wanted.translation.vector).norm();
+        assert!(off < 2e-4, "{off} m");
+    }
+
+    /// With position control of both, 1 mm costs the stiffness of the bar times 1 mm.
+    #[test]
+    fn two_stiff_arms_keep_full_internal_force() {
+        let (outcomes, force, _) = carry([false; 6], 25.0);
+        assert!(outcomes.contains(&Some(Outcome::Reached)), "{outcomes:?}");
+        assert!((18.0..25.0).contains(&force), "{force} N");
+
+        let (outcomes, ..) = carry([false; 6], 10.0);
+        let over = |o: &Option<Outcome>| matches!(o, Some(Outcome::OverForce(..)));
+        assert!(outcomes.iter().any(over), "{outcomes:?}");
+    }
+}

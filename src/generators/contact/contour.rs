@@ -264,3 +264,111 @@ impl Contour {
         Followed { length: self.length, lost, error }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::run;
+    use super::*;
+    use crate::spatial::Pose;
+
+    /// Returns the order to press with 10 N along z and to travel along x at 20 mm/s.
+    fn order(length: f64) -> ContourOrder {
+        ContourOrder {
+            press: Vector3::z(),
+            travel: Vector3::x(),
+            force: 10.0,
+            speed: 0.02,
+            length,
+            turns: true,
+            friction: 0.4,
+            patience: 0.3,
+        }
+    }
+
+    /// Returns the force on a surface of 10 N/mm, with this friction, under a tool that is `depth`
+    /// (m) beyond the surface with this normal into it, and moves at `velocity` (m/s).
+    fn surface(
+        depth: f64,
+        normal: Vector3<f64>,
+        velocity: Vector3<f64>,
+        friction: f64,
+    ) -> Vector3<f64> {
+        let pressed = (1e4 * depth).max(0.0);
+        let slides = velocity - normal * normal.dot(&velocity);
+        // Friction drags the surface along; it fades below 1 mm/s.
+        normal * pressed + slides / slides.norm().max(1e-3) * (friction * pressed)
+    }
+
+    #[test]
+    fn contour_follows_round_surface_despite_friction() {
+        // A cylinder of 80 mm whose top is at z = 0.01 (z points down), from outside and inside.
+        for (radius, friction) in [(0.08, 0.0), (0.08, 0.3), (-0.15, 0.3)] {
+            let centre = Vector3::new(0.0, 0.0, 0.01 + radius);
+            let normal = move |at: Vector3<f64>| {
+                let out = centre - Vector3::new(at.x, 0.0, at.z);
+                out.normalize() * radius.signum()
+            };
+            let wall = |at: Vector3<f64>, velocity, _| {
+                let off = (centre - Vector3::new(at.x, 0.0, at.z)).norm();
+                let depth = (radius.abs() - off) * radius.signum();
+                surface(depth, normal(at), velocity, friction)
+            };
+            let mut tilts = Vec::new();
+            let look = |arm: &ArmState| {
+                let pressing = arm.base_from_tool.rotation * Vector3::z();
+                tilts.push(pressing.angle(&normal(arm.base_from_tool.translation.vector)));
+            };
+
+            let (outcome, arm) =
+                run::<Contour>(order(0.1), Pose::identity(), 60.0, wall, look).unwrap();
+
+            let way: Followed = outcome.and_then(|outcome| outcome.result()).unwrap();
+            assert!(!way.lost && (0.1..0.101).contains(&way.length), "{way:?}");
+            assert!(way.error.0 < 2.0, "{radius} {friction}: {way:?}");
+            // An arc of 0.1 m, and the tool has turned with the normal.
+            let at = arm.pose.translation.vector;
+            let turned = libm::atan2(at.x, radius - (at.z - 0.01)).abs();
+            let turned = if radius < 0.0 { libm::asin(at.x / -radius) } else { turned };
+            assert!((turned - 0.1 / radius.abs()).abs() < 0.1, "{radius}: {turned} rad");
+            let tilt = tilts[tilts.len() - 1];
+            assert!(tilt < 0.2, "{radius} {friction}: tilted by {tilt} rad");
+            assert!(at.y.abs() < 1e-6, "{at}");
+        }
+    }
+
+    /// A wall stands across the way 50 mm ahead. The tool turns up along it, without an overload.
+    #[test]
+    fn contour_turns_up_at_wall_ahead() {
+        let wall = |at: Vector3<f64>, velocity, _| {
+            surface(at.z - 0.005, Vector3::z(), velocity, 0.2)
+                + surface(at.x - 0.05, Vector3::x(), velocity, 0.2)
+        };
+
+        let (outcome, arm) =
+            run::<Contour>(order(0.1), Pose::identity(), 60.0, wall, |_| {}).unwrap();
+
+        let way: Followed = outcome.clone().and_then(|outcome| outcome.result()).unwrap();
+        assert!(!way.lost, "{way:?}");
+        let at = arm.pose.translation.vector;
+        assert!((at.x - 0.05).abs() < 0.003 && at.z < -0.02, "{outcome:?} {at}");
+    }
+
+    #[test]
+    fn contour_ends_when_contact_is_lost() {
+        // The surface ends after 40 mm, and nothing is behind it for the patience.
+        let wall = |at: Vector3<f64>, velocity, _| {
+            let depth = if at.x < 0.04 { at.z - 0.005 } else { 0.0 };
+            surface(depth, Vector3::z(), velocity, 0.2)
+        };
+        let (outcome, _) =
+            run::<Contour>(order(0.1), Pose::identity(), 60.0, wall, |_| {}).unwrap();
+        let way: Followed = outcome.and_then(|outcome| outcome.result()).unwrap();
+        assert!(way.lost && (0.038..0.042).contains(&way.length), "{way:?}");
+
+        // Without any surface the tool gives up after 50 mm.
+        let none = |_, _, _| Vector3::zeros();
+        let (outcome, _) =
+            run::<Contour>(order(0.1), Pose::identity(), 60.0, none, |_| {}).unwrap();
+        assert_eq!(outcome, Some(Outcome::NotTouched));
+    }
+}

@@ -112,3 +112,68 @@ impl MotionGenerator for Guarded {
         Next::go(Motion::Task { frame: self.order.frame, directions })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::run;
+    use super::*;
+    use crate::spatial::Pose;
+    use nalgebra::UnitQuaternion;
+
+    /// Runs a guarded move along z of the tool, at 20 mm/s over 60 mm, from a tool that is turned
+    /// about x by `tilt` (rad), towards a wall of 20 N/mm at this distance (m).
+    fn guarded(tilt: f64, wall: f64) -> (Option<Outcome>, Vector3<f64>) {
+        let order = GuardedOrder {
+            frame: Frame::Tool,
+            direction: Vector3::new(0.0, 0.0, 2.0),
+            speed: 0.02,
+            force: 5.0,
+            distance: 0.06,
+        };
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), tilt);
+        let start = Pose::from_parts(Vector3::new(0.3, 0.1, 0.4).into(), turn);
+        let normal = turn * Vector3::z();
+        let from = start.translation.vector;
+        let force = move |at: Vector3<f64>, _, _| {
+            normal * (2e4 * ((at - from).dot(&normal) - wall)).max(0.0)
+        };
+        let (outcome, arm) = run::<Guarded>(order, start, 10.0, force, |_| {}).unwrap();
+        (outcome, turn.inverse() * (arm.pose.translation.vector - from))
+    }
+
+    #[test]
+    fn guarded_move_stops_at_wall_or_distance() {
+        for tilt in [0.0, 0.7, 2.5] {
+            let (met, at) = guarded(tilt, 0.03);
+            let Some(Outcome::Touched(way)) = met else { panic!("{met:?}") };
+            assert!((0.03..0.031).contains(&way), "{way}");
+            assert!(at.x.abs() < 1e-9 && at.y.abs() < 1e-9, "{at}");
+
+            let (missed, at) = guarded(tilt, 1.0);
+            assert_eq!(missed, Some(Outcome::NotTouched));
+            assert!((at.z - 0.06).abs() < 5e-4, "{at}");
+        }
+    }
+
+    #[test]
+    fn impossible_guarded_orders_are_refused() {
+        let order = GuardedOrder {
+            frame: Frame::Base,
+            direction: Vector3::z(),
+            speed: 0.02,
+            force: 5.0,
+            distance: 0.06,
+        };
+        let refusal = |order: GuardedOrder| {
+            let done =
+                run::<Guarded>(order, Pose::identity(), 0.1, |_, _, _| Vector3::zeros(), |_| {});
+            done.err().unwrap_or_default()
+        };
+
+        assert_eq!(refusal(order.clone()), "");
+        let still = GuardedOrder { direction: Vector3::zeros(), ..order.clone() };
+        assert_eq!(refusal(still), "the motion has no direction");
+        assert!(refusal(GuardedOrder { speed: 2.0, ..order.clone() }).contains("full speed"));
+        assert!(refusal(GuardedOrder { force: f64::NAN, ..order }).contains("the force"));
+    }
+}

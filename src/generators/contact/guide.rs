@@ -71,7 +71,7 @@ impl MotionGenerator for Guide {
             compliance: site.compliance,
             step: site.step(),
             way: Guided { interval, joints: Vec::new(), poses: Vec::new() },
-            since: f64::INFINITY,
+            since: interval,
             rested: 0.0,
             strained: 0.0,
             last: site.arm.desired_base_from_tool,
@@ -116,23 +116,63 @@ impl Guide {
         if self.since + 1e-9 < self.way.interval {
             return;
         }
-        self.since = 0.0;
+        self.since -= self.way.interval;
         self.way.joints.push(joints);
         self.way.poses.push(pose);
         if self.way.joints.len() >= MOST {
-            // A long way keeps its beginning, at twice the interval.
-            let mut odd = false;
-            let mut keep = || {
-                odd = !odd;
-                odd
-            };
-            self.way.joints.retain(|_| keep());
-            let mut odd = false;
-            self.way.poses.retain(|_| {
-                odd = !odd;
-                odd
-            });
+            // A long way is kept as a whole, at twice the interval.
+            self.way.joints = self.way.joints.iter().step_by(2).copied().collect();
+            self.way.poses = self.way.poses.iter().step_by(2).copied().collect();
             self.way.interval *= 2.0;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::run;
+    use super::*;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn guided_arm_follows_push_and_ends_at_rest() {
+        let order = GuideOrder { still: Some(1.0), interval: 0.1 };
+        // A hand pushes along y with 20 N for 3 s: the tool exerts the opposite force on it.
+        let push = |_, _, now: f64| if now < 3.0 { -20.0 * Vector3::y() } else { Vector3::zeros() };
+
+        let (outcome, arm) = run::<Guide>(order, Pose::identity(), 20.0, push, |_| {}).unwrap();
+
+        let way: Guided = outcome.and_then(|outcome| outcome.result()).unwrap();
+        // 20 N times the admittance of 1 mm/s per N, for 3 s.
+        let to = arm.pose.translation.vector;
+        assert!((to.y - 0.06).abs() < 0.002 && to.x.abs() < 1e-9, "{to}");
+        assert_eq!(way.joints.len(), way.poses.len());
+        assert!((40..48).contains(&way.poses.len()), "{} records", way.poses.len());
+        assert!(way.poses.is_sorted_by(|a, b| a.translation.y <= b.translation.y));
+    }
+
+    #[test]
+    fn overload_ends_guidance_after_half_second() {
+        let order = GuideOrder { still: None, interval: 0.1 };
+        // The limit of the tests is 40 N.
+        let push = |_, _, now: f64| if now < 1.0 { Vector3::x() } else { 50.0 * Vector3::x() };
+
+        let (outcome, _) = run::<Guide>(order, Pose::identity(), 1.4, push, |_| {}).unwrap();
+        assert_eq!(outcome, None);
+        let order = GuideOrder { still: None, interval: 0.1 };
+        let (outcome, _) = run::<Guide>(order, Pose::identity(), 1.7, push, |_| {}).unwrap();
+        assert!(matches!(outcome, Some(Outcome::OverForce(0, _))), "{outcome:?}");
+    }
+
+    #[test]
+    fn long_way_doubles_its_interval() {
+        let order = GuideOrder { still: Some(100.0), interval: 0.016 };
+        let none = |_, _, _| Vector3::zeros();
+
+        let (outcome, _) = run::<Guide>(order, Pose::identity(), 200.0, none, |_| {}).unwrap();
+
+        let way: Guided = outcome.and_then(|outcome| outcome.result()).unwrap();
+        assert_eq!(way.interval, 0.032);
+        assert!((3000..MOST).contains(&way.poses.len()) && way.poses.len() == way.joints.len());
     }
 }

@@ -8,7 +8,7 @@
 //! | [`Guarded`] | `guarded` | at a force, or after a distance |
 //! | [`Contour`] | `contour` | after a length, or when the contact is lost |
 //! | [`Guide`] | `guide` | after a rest, or by MP |
-//! | [`Carry`] | `carry_line`, `carry_arc`, `carry_spline`, `carry_polyline` | at the end of its path |
+//! | [`Carry`] | `carry_line`, `_arc`, `_spline`, `_polyline` | at the end of its path |
 
 mod carry;
 mod contour;

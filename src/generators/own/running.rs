@@ -12,7 +12,7 @@ use crate::motion::MoveRefused;
 use std::fmt;
 
 /// A generator without the type of its order.
-trait Erased: Send {
+trait Erased: Send + Sync {
     fn next(&mut self, inputs: &Inputs<'_>) -> Next;
     fn forecast(&self) -> Option<Forecast>;
     fn touch(&self) -> Touch;

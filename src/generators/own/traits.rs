@@ -65,7 +65,7 @@ pub enum Touch {
 ///
 /// It runs once a macrostep. It must not wait, and needs neither clock nor log: time is in
 /// [`Inputs`].
-pub trait MotionGenerator: Send + Sized + 'static {
+pub trait MotionGenerator: Send + Sync + Sized + 'static {
     /// Order: plain data, complete in itself.
     type Order: Serialize + DeserializeOwned;
 

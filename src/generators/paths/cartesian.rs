@@ -2,8 +2,8 @@
 //!
 //! - in: poses, each a `base_from_tool`; the set pose at the beginning
 //! - out: a curve of position and rotation vector, six numbers
-//! - The rotation vector is that of the turn from the beginning, in base axes, so a turn between two
-//!   poses is about one axis. Beside a turn already made, it is chosen as near as possible.
+//! - The rotation vector is that of the turn from the beginning, in base axes. A whole turn more or
+//!   less is the same orientation: the vector nearest to that of the pose before is taken.
 
 use super::super::own::{Place, Site};
 use super::along::PathOrder;

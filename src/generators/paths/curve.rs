@@ -26,7 +26,7 @@ pub struct Cell {
 }
 
 /// A curve, twice continuously differentiable, with a bounded third derivative.
-pub trait Curve: Send + 'static {
+pub trait Curve: Send + Sync + 'static {
     /// Returns the cells of the parameter in their order; none for a curve without a length.
     fn cells(&self) -> Vec<Cell>;
 
@@ -41,7 +41,6 @@ pub trait Curve: Send + 'static {
 /// With the left Jacobian `J = int_0^1 exp(s [phi]) ds`, the angular velocity is `J phi'`. The norm
 /// of J is at most 1, that of its derivative `|phi'| / 2`, and that of its second derivative
 /// `|phi''| / 2 + |phi'|^2 / 2`, so the product rule gives these bounds.
-#[must_use]
-pub fn rotation([first, second, third]: [f64; 3]) -> [f64; 3] {
+pub(super) fn rotation([first, second, third]: [f64; 3]) -> [f64; 3] {
     [first, second + 0.5 * first * first, third + 1.5 * first * second + 0.5 * first.powi(3)]
 }

@@ -24,6 +24,8 @@ mod joints;
 mod law;
 mod limits;
 mod polynomial;
+#[cfg(test)]
+mod tests;
 
 pub use along::{Along, PathOrder};
 pub(super) use along::{advance, pauses, places};

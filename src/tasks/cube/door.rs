@@ -549,6 +549,7 @@ mod tests {
             Behaviour::Turn { angle, .. } => Outcome::Turned(*angle),
             Behaviour::Comply { .. } => Outcome::Ended,
             Behaviour::Present { .. } => Outcome::Pulled,
+            Behaviour::Own(_) => Outcome::Reached,
         }
     }
 

@@ -381,10 +381,10 @@ mod tests {
         let (end, actions) = stage.play(hands_back, &mut |action, arms| match order(action) {
             Some(Behaviour::Line { target, .. }) => {
                 targets.push(*target);
-                track(*lines.next().unwrap_or(&Outcome::Reached))
+                track(lines.next().cloned().unwrap_or(Outcome::Reached))
             }
             Some(Behaviour::Withdraw { .. }) => {
-                track(*pulls.next().unwrap_or(&Outcome::NotTouched))
+                track(pulls.next().cloned().unwrap_or(Outcome::NotTouched))
             }
             _ => goes_well(action, arms),
         });
@@ -432,7 +432,8 @@ mod tests {
 
     #[test]
     fn persistent_obstacle_leaves_cube_in_hand() {
-        let (end, ..) = held_out(&[MET, Outcome::Reached].repeat(5), &[]);
+        let lines: Vec<_> = (0..5).flat_map(|_| [MET, Outcome::Reached]).collect();
+        let (end, ..) = held_out(&lines, &[]);
 
         let Err(Failure::Final(why)) = end else { panic!("{end:?}") };
         assert!(why.contains("over-force"), "{why}");

@@ -608,7 +608,7 @@ mod tests {
         // it.
         for (outcome, seen) in [(Outcome::Turned(0.5), 0.0), (Outcome::Slipped(0.5, 0.01), -0.5)] {
             let mut stage = failed(-0.5);
-            let (end, actions) = realigns(&mut stage, vec![(outcome, Some(WIDTH - 0.01))]);
+            let (end, actions) = realigns(&mut stage, vec![(outcome.clone(), Some(WIDTH - 0.01))]);
 
             assert_eq!(end, Ok(Hand::Track), "{outcome:?}");
             let words = words(&actions);

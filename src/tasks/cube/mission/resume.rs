@@ -555,8 +555,8 @@ mod tests {
     fn offered(gap: f64, closed: Outcome, pulled: Outcome) -> (Finish, Vec<&'static str>) {
         let last = Entry { doing: "handing back".to_owned(), ..lowering() };
         played(last, gap, |order| match order {
-            Behaviour::Grasp { .. } => Some(closed),
-            Behaviour::Withdraw { .. } => Some(pulled),
+            Behaviour::Grasp { .. } => Some(closed.clone()),
+            Behaviour::Withdraw { .. } => Some(pulled.clone()),
             Behaviour::VisualServo(_) => Some(Outcome::LostSight(5.0)),
             _ => None,
         })
@@ -650,7 +650,7 @@ mod tests {
         let (end, words) = played(last, 0.09, |order| match order {
             Behaviour::VisualServo(order) => {
                 patience = Some(order.patience);
-                Some(ended)
+                Some(ended.clone())
             }
             _ => None,
         });

@@ -401,7 +401,7 @@ mod tests {
             &mut |action, arms| match order(action) {
                 Some(Behaviour::Withdraw { .. }) => {
                     pulls += 1;
-                    track(if pulls <= RELEASE_TRIES { Outcome::Touched(3.0) } else { last })
+                    track(if pulls <= RELEASE_TRIES { Outcome::Touched(3.0) } else { last.clone() })
                 }
                 _ => goes_well(action, arms),
             },

@@ -293,6 +293,7 @@ fn ends_well(order: &Behaviour) -> Outcome {
         Behaviour::Turn { angle, .. } => Outcome::Turned(*angle),
         Behaviour::Comply { .. } => Outcome::Ended,
         Behaviour::Present { .. } => Outcome::Pulled,
+        Behaviour::Own(_) => Outcome::Reached,
     }
 }
 

@@ -187,7 +187,7 @@ mod tests {
         let (end, _) = stage.play(turns, &mut |action, arms| match order(action) {
             Some(Behaviour::Turn { angle, .. }) => {
                 angles.push(*angle);
-                let outcome = ends.next().copied().unwrap_or(Outcome::Turned(*angle));
+                let outcome = ends.next().cloned().unwrap_or(Outcome::Turned(*angle));
                 Event::Behaved(vec![Some(outcome), Some(Outcome::Ended)])
             }
             _ => goes_well(action, arms),
@@ -234,7 +234,7 @@ mod tests {
     fn layer_counts_as_jammed_after_third_stall() {
         let stall = Outcome::Stalled(0.5, 2.0);
 
-        let (end, angles) = turns(&[stall, Outcome::Turned(-0.09), stall, stall]);
+        let (end, angles) = turns(&[stall.clone(), Outcome::Turned(-0.09), stall.clone(), stall]);
 
         let Err(Failure::Final(why)) = end else { panic!("{end:?}") };
         assert!(why.starts_with("jam: the face stalled"), "{why}");
