@@ -91,7 +91,7 @@ impl Bench {
                 })
             });
             self.objects.step(&tools, f64::from(self.done) * DT, DT);
-            if self.done % 4 == 0 {
+            if self.done.is_multiple_of(4) {
                 self.objects.end_period(&tools, 4.0 * DT);
             }
         }
