@@ -210,14 +210,13 @@ fn object_faults(
     let [x, y, z] = keys.size;
     let millimetres = |metres: f64| (metres * 1e5).round() / 100.0;
     match keys.shape {
-        ObjectKind::Box => {}
         ObjectKind::Bar if x < 2.0 * y.max(z) => {
             wrong.push(("size_mm", "a bar is at least twice as long, along x, as wide".to_owned()));
         }
         ObjectKind::Cylinder if x != y => {
             wrong.push(("size_mm", "the diameter of a cylinder along x and y differs".to_owned()));
         }
-        ObjectKind::Bar | ObjectKind::Cylinder => {}
+        ObjectKind::Box | ObjectKind::Bar | ObjectKind::Cylinder => {}
         ObjectKind::Surface => {
             if !keys.fixed && reader.is_given(&format!("{path}.fixed")) {
                 wrong.push(("fixed", "a surface is always fixed".to_owned()));

@@ -163,7 +163,7 @@ impl Body {
         self.grips[arm].grasp.attached()
     }
 
-    /// Checks whether the body lies so deep in a hand that the palm's stops cannot come forward.
+    /// Returns the place of the body's centre and its half sizes, both along a tool's axes (m).
     pub(super) fn place_in(&self, tool: &Frame) -> (Vector3<f64>, Vector3<f64>) {
         let local = tool.to_local(&self.frame);
         (local.p, self.solid.between_pads(&local.r).1 * 0.5)
@@ -278,7 +278,7 @@ impl Body {
         dt: f64,
     ) -> Option<Bearing> {
         for ((grip, tool), jaws) in self.grips.iter_mut().zip(tools).zip(jaws) {
-            // A hand with the cube in it, or open beside a falling body, touches nothing else.
+            // A hand with the cube in it touches nothing else.
             let Some(tool) = tool.filter(|tool| !tool.busy) else { continue };
             let hands = Hands {
                 gripper: tool.gripper,
@@ -354,7 +354,7 @@ impl Body {
         self.grips.iter().any(|grip| grip.grasp.holds())
     }
 
-    /// Decides what holds the body after a substep.
+    /// Decides whether hands, the table or nothing carries the body after a substep.
     fn change_state(&mut self) {
         if self.state == ObjectState::Fixed {
             return;

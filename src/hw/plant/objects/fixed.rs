@@ -42,8 +42,7 @@ impl Tips {
         }
     }
 
-    /// Adds to `load` the forces of a fixed object on the tool of an arm. Returns the greatest
-    /// normal force of a ball (N).
+    /// Adds to `load` the forces of a fixed object on the tool of an arm, with or without a probe.
     pub(super) fn press(
         &mut self,
         ground: &Ground<'_>,

@@ -35,7 +35,8 @@ struct Bench {
     jaws: Jaws,
     frames: [Frame; 2],
     openings: [f64; 2],
-    t: f64,
+    /// Number of substeps done.
+    done: u32,
 }
 
 impl Bench {
@@ -50,7 +51,7 @@ impl Bench {
             jaws: Jaws::rubber(),
             frames: [at(-0.15), at(0.15)],
             openings: [0.09; 2],
-            t: 0.0,
+            done: 0,
         }
     }
 
@@ -72,8 +73,8 @@ impl Bench {
 
     /// Performs this number of substeps; four of them are a period.
     fn run(&mut self, substeps: usize) {
-        for step in 0..substeps {
-            self.t += DT;
+        for _ in 0..substeps {
+            self.done += 1;
             let tools = std::array::from_fn(|i| {
                 Some(Tool {
                     frame: self.frames[i],
@@ -89,8 +90,8 @@ impl Bench {
                     busy: false,
                 })
             });
-            self.objects.step(&tools, self.t, DT);
-            if step % 4 == 3 {
+            self.objects.step(&tools, f64::from(self.done) * DT, DT);
+            if self.done.is_multiple_of(4) {
                 self.objects.end_period(&tools, 4.0 * DT);
             }
         }

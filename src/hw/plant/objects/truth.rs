@@ -19,7 +19,7 @@ pub struct ObjectTruth {
     pub name: Arc<str>,
     /// Pose in the world.
     pub world_from_object: Pose,
-    /// What holds the object now.
+    /// State of the object now.
     pub state: ObjectState,
     /// Whether the gripper of each arm holds it.
     pub held_by: [bool; 2],
