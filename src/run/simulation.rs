@@ -458,8 +458,12 @@ fn event_in_cell(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -
         }
         K::Withdraw => return Some(What::Withdraw),
         // Errors of the cell: see `add_cell_error`.
-        K::UnderConstrained | K::OverConstrained => return None,
-        K::JawCalibration | K::BaseCalibration | K::Input => return None,
+        K::UnderConstrained
+        | K::OverConstrained
+        | K::JawCalibration
+        | K::BaseCalibration
+        // The input is set above.
+        | K::Input => return None,
         // Disturbances of the servo's time, the cameras and the messages.
         K::MissedPeriods => Disturbance::Missed(size as u64),
         K::ClockJump => Disturbance::ClockJump(size * 1e-3),
