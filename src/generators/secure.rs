@@ -274,7 +274,7 @@ mod tests {
     fn securing_ends_early_once_the_force_settles() {
         let (soon, late, never) = (seats(0.05, true), seats(0.2, true), seats(9.0, true));
 
-        assert!([soon, late, never].iter().all(|end| end.0 == Outcome::Secured));
+        assert!([&soon, &late, &never].iter().all(|end| end.0 == Outcome::Secured));
         // Pressing and clenching each last for the lag and `SETTLED`, and at most `PRESS` or
         // `CLENCH`; the jaws need `GRIP` at least.
         assert!(soon.1 > 0.25 && soon.1 < 0.4, "{soon:?}");

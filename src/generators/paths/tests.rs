@@ -248,7 +248,7 @@ fn pause_stops_line_within_stopping_distance() {
     let site = Site { compliance: compliance(), speeds: speeds(), arm: &arm, fraction: 1.0 };
     let target = Pose::translation(0.6, 0.0, 0.0);
     let mut along = Along::begin(Line { target, speed: 1.0 }, &site).unwrap();
-    let mut step = |along: &mut Along<Line>, pace: f64| match along.next(&Inputs {
+    let step = |along: &mut Along<Line>, pace: f64| match along.next(&Inputs {
         arm: &arm,
         target: None,
         period: 0,
