@@ -541,7 +541,8 @@ mod tests {
             Behaviour::Joints { .. }
             | Behaviour::Legs { .. }
             | Behaviour::Line { .. }
-            | Behaviour::Jaw { .. } => Outcome::Reached,
+            | Behaviour::Jaw { .. }
+            | Behaviour::Own(_) => Outcome::Reached,
             Behaviour::Approach { .. } | Behaviour::VisualServo(_) => Outcome::Touched(0.0),
             Behaviour::Withdraw { .. } => Outcome::NotTouched,
             Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
@@ -549,7 +550,6 @@ mod tests {
             Behaviour::Turn { angle, .. } => Outcome::Turned(*angle),
             Behaviour::Comply { .. } => Outcome::Ended,
             Behaviour::Present { .. } => Outcome::Pulled,
-            Behaviour::Own(_) => Outcome::Reached,
         }
     }
 

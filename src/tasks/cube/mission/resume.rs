@@ -552,7 +552,7 @@ mod tests {
     /// Plays a resumed mission that was interrupted in the hand-back, with the track's jaws `gap`
     /// apart (m). The jaws end with the outcome `closed`, and each small pull ends with the outcome
     /// `pulled`.
-    fn offered(gap: f64, closed: Outcome, pulled: Outcome) -> (Finish, Vec<&'static str>) {
+    fn offered(gap: f64, closed: &Outcome, pulled: &Outcome) -> (Finish, Vec<&'static str>) {
         let last = Entry { doing: "handing back".to_owned(), ..lowering() };
         played(last, gap, |order| match order {
             Behaviour::Grasp { .. } => Some(closed.clone()),
@@ -575,18 +575,18 @@ mod tests {
         };
 
         // Jaws that were opening close without a cube.
-        let (end, words) = offered(0.058, Outcome::Empty(EMPTY), Outcome::NotTouched);
+        let (end, words) = offered(0.058, &Outcome::Empty(EMPTY), &Outcome::NotTouched);
         assert!(end.achieved && end.reason == give_back::UNSEEN, "{}", end.reason);
         assert!(opened(&words) && position(&words, "pull").is_none(), "{words:?}");
         // Jaws that had closed farther than on a cube have lost it.
-        let (end, words) = offered(0.055, Outcome::Empty(EMPTY), Outcome::NotTouched);
+        let (end, words) = offered(0.055, &Outcome::Empty(EMPTY), &Outcome::NotTouched);
         assert!(!end.achieved && end.reason.contains("do not hold"), "{}", end.reason);
         assert!(!opened(&words), "{words:?}");
         // Jaws that are pressed while they close do not open.
-        let (end, words) = offered(0.057, Outcome::OverForce(2, 25.0), Outcome::NotTouched);
+        let (end, words) = offered(0.057, &Outcome::OverForce(2, 25.0), &Outcome::NotTouched);
         assert!(!end.achieved && !opened(&words), "{}", end.reason);
         // A person holds on to the cube.
-        let (end, words) = offered(0.057, Outcome::Grasped(0.057), Outcome::Touched(0.001));
+        let (end, words) = offered(0.057, &Outcome::Grasped(0.057), &Outcome::Touched(0.001));
         assert!(end.achieved && end.reason == give_back::UNSEEN, "{}", end.reason);
         let pulls = words.iter().filter(|word| **word == "pull").count();
         assert!(opened(&words) && pulls > RELEASE_TRIES as usize, "{pulls}");
@@ -642,7 +642,7 @@ mod tests {
     /// Plays a mission whose cube an earlier run was handing back; `undone` is the reason if the
     /// cube was not solved. The visual servo ends with the outcome `ended`. Returns the end, the
     /// words of the actions, and the patience of the visual servo (s).
-    fn sought(undone: Option<&str>, ended: Outcome) -> (Finish, Vec<&'static str>, Option<f64>) {
+    fn sought(undone: Option<&str>, ended: &Outcome) -> (Finish, Vec<&'static str>, Option<f64>) {
         let undone = undone.map(str::to_owned);
         let doing = "opening the jaws".to_owned();
         let last = Entry { held: [None; 2], undone, doing, ..lowering() };
@@ -660,16 +660,16 @@ mod tests {
     #[test]
     fn cube_of_an_earlier_run_is_looked_for() {
         for nobody in [Outcome::LostSight(5.0), Outcome::OutOfZone(5.0)] {
-            let (end, _, patience) = sought(None, nobody.clone());
+            let (end, _, patience) = sought(None, &nobody);
             assert!(end.achieved && end.reason.contains("no person has held it out"));
             assert_eq!(patience, Some(SEEK_SECONDS));
 
-            let (end, ..) = sought(Some("face U cannot be read"), nobody);
+            let (end, ..) = sought(Some("face U cannot be read"), &nobody);
             let told = "face U cannot be read; by the journal of the earlier run";
             assert!(!end.achieved && end.reason.starts_with(told), "{}", end.reason);
         }
         // A cube that is held out again is taken and read.
-        let (_, words, _) = sought(Some("face U cannot be read"), Outcome::Touched(3.0));
+        let (_, words, _) = sought(Some("face U cannot be read"), &Outcome::Touched(3.0));
         assert!(words.contains(&"look"), "{words:?}");
     }
 

@@ -393,7 +393,7 @@ mod tests {
     /// Waits for the release of the cube while a person holds on to [`RELEASE_TRIES`] pulls; the
     /// pull after them ends with the outcome `last`. Returns the result, the words of the actions,
     /// and the stage.
-    fn release(last: Outcome) -> (Result<(), Failure>, Vec<&'static str>, Stage) {
+    fn release(last: &Outcome) -> (Result<(), Failure>, Vec<&'static str>, Stage) {
         let mut stage = Stage::holding(settings());
         let mut pulls = 0;
         let (end, actions) = stage.play(
@@ -413,7 +413,7 @@ mod tests {
     /// the cube, and the force was an error of the zero.
     #[test]
     fn force_sensor_is_zeroed_before_last_pull() {
-        let (end, words, mut stage) = release(Outcome::NotTouched);
+        let (end, words, mut stage) = release(&Outcome::NotTouched);
 
         assert_eq!(end, Ok(()));
         let pulls = ["yield", "pull"].repeat(RELEASE_TRIES as usize);
@@ -425,7 +425,7 @@ mod tests {
 
     #[test]
     fn operator_who_holds_on_keeps_the_cube() {
-        let (end, _, mut stage) = release(Outcome::Touched(3.0));
+        let (end, _, mut stage) = release(&Outcome::Touched(3.0));
 
         let Err(failure) = end else { panic!() };
         let recover = async |robot: &mut Robot| recover::recover(robot, failure).await;

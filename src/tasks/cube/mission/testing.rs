@@ -285,7 +285,8 @@ fn ends_well(order: &Behaviour) -> Outcome {
         Behaviour::Joints { .. }
         | Behaviour::Legs { .. }
         | Behaviour::Line { .. }
-        | Behaviour::Jaw { .. } => Outcome::Reached,
+        | Behaviour::Jaw { .. }
+        | Behaviour::Own(_) => Outcome::Reached,
         Behaviour::Approach { .. } | Behaviour::VisualServo(_) => Outcome::Touched(0.0),
         Behaviour::Withdraw { .. } => Outcome::NotTouched,
         Behaviour::Grasp { .. } => Outcome::Grasped(WIDTH),
@@ -293,7 +294,6 @@ fn ends_well(order: &Behaviour) -> Outcome {
         Behaviour::Turn { angle, .. } => Outcome::Turned(*angle),
         Behaviour::Comply { .. } => Outcome::Ended,
         Behaviour::Present { .. } => Outcome::Pulled,
-        Behaviour::Own(_) => Outcome::Reached,
     }
 }
 
