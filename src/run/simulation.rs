@@ -428,8 +428,7 @@ fn event_in_cell(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -
     let arm = index(cell.arms.iter().map(|a| &a.name), keys.arm.as_ref());
     let camera = index(cell.cameras.iter().map(|c| &c.name), keys.camera.as_ref());
     let axis = keys.axis.unwrap_or_default() as usize;
-    let direction = keys.direction as usize;
-    let size = keys.magnitude.unwrap_or_default();
+    let (direction, size) = (keys.direction as usize, keys.magnitude.unwrap_or_default());
     let who = || match keys.actor? {
         FaultActor::Mp => Some(Actor::Mp),
         FaultActor::Ecp => Some(Actor::Ecp(arm)),
@@ -462,7 +461,6 @@ fn event_in_cell(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -
         | K::OverConstrained
         | K::JawCalibration
         | K::BaseCalibration
-        // The input is set above.
         | K::Input => return None,
         // Disturbances of the servo's time, the cameras and the messages.
         K::MissedPeriods => Disturbance::Missed(size as u64),

@@ -65,8 +65,7 @@ pub(super) fn scenario(
     let calibrate_views = draft.cameras.iter().map(|c| c.calibrate_views).collect();
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
     // A hole in one of the lists below has its fault in `reader`, so `?` loses no message.
-    let (root, sections) = (draft.root, draft.sections);
-    let task = task?;
+    let (root, sections, task) = (draft.root, draft.sections, task?);
     let mut scenario = Scenario {
         path: path.to_path_buf(),
         text: String::new(),

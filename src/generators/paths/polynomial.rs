@@ -4,7 +4,8 @@
 //! - out: a curve through or past the points, twice continuously differentiable
 //! - spline: cubic, with second derivatives of zero at both ends (natural)
 //! - corner: the derivative changes from the slope of one leg to that of the next as
-//!   `3 x^2 - 2 x^3` over a stretch that is symmetric about the corner. By this symmetry it ends on the next leg
+//!   `3 x^2 - 2 x^3` over a stretch that is symmetric about the corner. By this symmetry it
+//!   ends on the next leg
 
 /// Number of coefficients of a piece.
 const TERMS: usize = 5;
@@ -157,9 +158,8 @@ fn second_derivatives<const D: usize>(points: &[[f64; D]], h: &[f64]) -> Vec<[f6
         }
     }
     for i in (1..n.saturating_sub(1)).rev() {
-        let next = bends[i + 1];
-        for (bend, next) in bends[i].iter_mut().zip(next) {
-            *bend -= upper[i] * next;
+        for d in 0..D {
+            bends[i][d] -= upper[i] * bends[i + 1][d];
         }
     }
     bends

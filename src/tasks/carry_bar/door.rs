@@ -1,7 +1,7 @@
 //! The door of the task `carry_bar`: what a scenario must have for it, and how its kernel is made.
 
 use super::keys::Keys;
-use super::{Job, carry};
+use super::{Job, ROOM, carry};
 use crate::kernel::robot::{Robot, RobotKernel};
 use crate::registry::{Setup, Task};
 use crate::scenario::ControllerConfig;
@@ -45,7 +45,20 @@ impl Task for CarryBar {
     }
 
     fn kernel(setup: Setup<'_, Self>) -> Result<RobotKernel, String> {
-        let job = Job::new(setup.keys.clone(), setup.config)?;
+        let (keys, config) = (setup.keys.clone(), setup.config);
+        for arm in &config.cell.arms {
+            let (_, most) = arm.gripper.opening;
+            if keys.width + ROOM > most {
+                let (width, most) = ((keys.width + ROOM) * 1e3, most * 1e3);
+                return Err(format!(
+                    "the jaws of {} open to {most:.0} mm, and the bar needs {width:.0} mm",
+                    arm.name
+                ));
+            }
+        }
+        let arms = config.cell.arms.iter().map(|a| (a.world_from_base, a.flange_from_tool));
+        let share = (keys.speed / config.control.linear_speed).min(1.0);
+        let job = Job::new(keys, arms.collect(), config.control.grip, share);
         Ok(Robot::kernel(|robot| carry(robot, job)))
     }
 }

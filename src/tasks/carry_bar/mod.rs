@@ -30,7 +30,6 @@ use crate::generators::{Behaviour, Outcome, Selector};
 use crate::kernel::Until;
 use crate::kernel::robot::{Hindrance, Robot};
 use crate::motion::{Depth, JawCommand};
-use crate::scenario::ControllerConfig;
 use crate::spatial::Pose;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -71,21 +70,9 @@ struct Job {
 }
 
 impl Job {
-    /// Makes the job of a scenario.
-    ///
-    /// # Errors
-    /// If a jaw does not open wide enough for the bar.
-    fn new(keys: Keys, config: &ControllerConfig) -> Result<Self, String> {
-        for arm in &config.cell.arms {
-            let (_, most) = arm.gripper.opening;
-            if keys.width + ROOM > most {
-                let (width, most) = ((keys.width + ROOM) * 1e3, most * 1e3);
-                return Err(format!(
-                    "the jaws of {} open to {most:.0} mm, and the bar needs {width:.0} mm",
-                    arm.name
-                ));
-            }
-        }
+    /// Makes the job of a scenario for `arms` with this grip force (N). `share` is the speed of
+    /// the bar as a share of the full one.
+    fn new(keys: Keys, arms: Vec<(Pose, Pose)>, grip: f64, share: f64) -> Self {
         let start = upright(Vector3::from(keys.bar_xyz), keys.bar_yaw);
         let up = Vector3::z() * keys.lift;
         let mut poses = vec![start, Pose::from(up) * start];
@@ -95,18 +82,7 @@ impl Job {
         }
         let last = poses[poses.len() - 1];
         poses.push(Pose::from(-up) * last);
-        Ok(Self {
-            arms: config
-                .cell
-                .arms
-                .iter()
-                .map(|a| (a.world_from_base, a.flange_from_tool))
-                .collect(),
-            grip: config.control.grip,
-            share: (keys.speed / config.control.linear_speed).min(1.0),
-            keys,
-            poses,
-        })
+        Self { keys, arms, grip, share, poses }
     }
 
     /// Returns the pose of a hand on the bar, `bar_from_tool`. The first hand is at the end to
