@@ -244,7 +244,7 @@ impl Mp {
             let forecast = manner
                 .library
                 .forecast(own, &manner.site(arm))
-                .map_err(|why| motions::refused(NonFatal::Arguments(why)))?;
+                .map_err(|why| refused(NonFatal::Arguments(why)))?;
             if let Some(place) = forecasts.get_mut(effector) {
                 *place = forecast.map(Arc::new);
             }
@@ -585,6 +585,11 @@ impl Mp {
 fn defect(why: String) -> Error {
     let cause = Fatal::Kernel(why);
     Error::Fatal { actor: "mp".into(), place: "resume the task", cause, last: None }
+}
+
+/// Returns the error for a motion that cannot begin.
+fn refused(cause: NonFatal) -> Error {
+    Error::NonFatal { actor: "mp".into(), place: "begin a motion", cause }
 }
 
 /// Returns the error for a part of the run, `who`, that no longer exists; `place` names the work in

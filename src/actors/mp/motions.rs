@@ -4,13 +4,13 @@
 //! - in: a behaviour for each effector or none, and which of them decides the end
 //! - out: the outcome of each behaviour, or an error
 
-use super::{Mp, system};
+use super::{Mp, refused, system};
 use crate::actors::ecp::EcpHandle;
 use crate::actors::fault::ActorFault;
 use crate::actors::move_instruction::{Ending, MoveInstruction};
 use crate::actors::vsp::VspHandle;
 use crate::actors::watchdog::Heartbeat;
-use crate::error::{Error, NonFatal};
+use crate::error::Error;
 use crate::generators::{Behaviour, Outcome};
 use crate::kernel::Until;
 use crate::motion::MoveCommand;
@@ -206,11 +206,6 @@ impl Mp {
         }
         Ok(())
     }
-}
-
-/// Returns the error for a motion that cannot begin.
-pub(super) fn refused(cause: NonFatal) -> Error {
-    Error::NonFatal { actor: "mp".into(), place: "begin a motion", cause }
 }
 
 /// Has the ECP `own` carry out a behaviour and returns the outcome. Afterwards ends the behaviours

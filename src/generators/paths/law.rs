@@ -7,8 +7,8 @@
 //!    curve's derivatives and the window T they satisfy, for each thing that moves,
 //!    `k1 V <= speed`, `k2 V^2 + k1 A <= acceleration`, `k3 V^3 + 3 k2 V A + 2 k1 A / T <= jerk`.
 //! 2. A pass forwards and one backwards give the fastest speed over the parameter that keeps V and
-//!    A from rest to rest. This raw motion may change its acceleration at once. In a pause it brakes
-//!    with A, and after a resume it accelerates with A until it has its planned speed again.
+//!    A from rest to rest. This raw motion may change its acceleration at once. In a pause it
+//!    brakes with A, and after a resume it accelerates with A until it has its planned speed again.
 //! 3. The mean of the raw motion over the last T is the motion. Its acceleration is a mean of raw
 //!    accelerations, and its jerk their difference over T, at most `2 A / T`.
 //!

@@ -4,7 +4,8 @@
 //! - out: a curve through or past the points, twice continuously differentiable
 //! - spline: cubic, with second derivatives of zero at both ends (natural)
 //! - corner: the derivative changes from the slope of one leg to that of the next as
-//!   `3 x^2 - 2 x^3` over a stretch that is symmetric about the corner. By this symmetry it ends on the next leg
+//!   `3 x^2 - 2 x^3` over a stretch that is symmetric about the corner. By this symmetry it
+//!   ends on the next leg
 
 /// Number of coefficients of a piece.
 const TERMS: usize = 5;

@@ -152,11 +152,9 @@ proptest! {
 
     #[test]
     fn line_and_arc_keep_limits_despite_pauses(
-        from in pose(),
-        to in pose(),
+        (from, to) in (pose(), pose()),
         via in prop::array::uniform3(-0.3..0.3f64),
-        speed in 0.2..1.0f64,
-        fraction in 0.3..1.0f64,
+        (speed, fraction) in (0.2..1.0f64, 0.3..1.0f64),
         begin in 5usize..120,
     ) {
         let (arm, pauses) = (at(from), [(begin, 3), (begin + 90, 20)]);
@@ -175,8 +173,7 @@ proptest! {
         from in pose(),
         through in prop::collection::vec(pose(), 1..5),
         radius in 0.005..0.1f64,
-        speed in 0.2..1.0f64,
-        fraction in 0.3..1.0f64,
+        (speed, fraction) in (0.2..1.0f64, 0.3..1.0f64),
         begin in 5usize..200,
     ) {
         let (arm, to) = (at(from), through[through.len() - 1]);
