@@ -38,8 +38,7 @@ pub(super) fn scenario(
     catalogue: &Catalogue,
     reader: &mut Reader,
 ) -> Option<Scenario> {
-    let folder = path.parent().unwrap_or(Path::new(""));
-    let root = &draft.root;
+    let (folder, root) = (path.parent().unwrap_or(Path::new("")), &draft.root);
     // Each step runs even after a fault of an earlier one, so that a user sees all faults at once.
     check::bridge(root, reader);
     let arms = arms(&draft.effectors, folder, reader);
