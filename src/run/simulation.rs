@@ -378,6 +378,7 @@ fn event_in_cell(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -
     let axis = keys.axis.unwrap_or_default() as usize;
     let direction = keys.direction as usize;
     let size = keys.magnitude.unwrap_or_default();
+    let force = Vector3::from_fn(|i, _| if i == direction.min(2) { size } else { 0.0 });
     let who = || match keys.actor? {
         FaultActor::Mp => Some(Actor::Mp),
         FaultActor::Ecp => Some(Actor::Ecp(arm)),
@@ -400,14 +401,14 @@ fn event_in_cell(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -
         K::Drop => return Some(What::Drop { arm }),
         K::Jam => return Some(What::Jam { torque: size }),
         K::TurnUndone => return Some(What::TurnUndone { takes: size }),
-        K::Push => {
-            let force = Vector3::from_fn(|i, _| if i == direction.min(2) { size } else { 0.0 });
-            return Some(What::Push { arm, force });
-        }
+        K::Push => return Some(What::Push { arm, force }),
         K::Withdraw => return Some(What::Withdraw),
         // Errors of the cell: see `add_cell_error`.
-        K::UnderConstrained | K::OverConstrained => return None,
-        K::JawCalibration | K::BaseCalibration | K::Input => return None,
+        K::UnderConstrained
+        | K::OverConstrained
+        | K::JawCalibration
+        | K::BaseCalibration
+        | K::Input => return None,
         // Disturbances of the servo's time, the cameras and the messages.
         K::MissedPeriods => Disturbance::Missed(size as u64),
         K::ClockJump => Disturbance::ClockJump(size * 1e-3),
