@@ -451,10 +451,7 @@ fn event_in_cell(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -
         K::Drop => return Some(What::Drop { arm }),
         K::Jam => return Some(What::Jam { torque: size }),
         K::TurnUndone => return Some(What::TurnUndone { takes: size }),
-        K::Push => {
-            let force = Vector3::from_fn(|i, _| if i == direction.min(2) { size } else { 0.0 });
-            return Some(What::Push { arm, force });
-        }
+        K::Push => return Some(What::Push { arm, force }),
         K::Withdraw => return Some(What::Withdraw),
         // Errors of the cell: see `add_cell_error`.
         K::UnderConstrained
