@@ -429,6 +429,7 @@ fn event_in_cell(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -
     let camera = index(cell.cameras.iter().map(|c| &c.name), keys.camera.as_ref());
     let axis = keys.axis.unwrap_or_default() as usize;
     let (direction, size) = (keys.direction as usize, keys.magnitude.unwrap_or_default());
+    let force = Vector3::from_fn(|i, _| if i == direction.min(2) { size } else { 0.0 });
     let who = || match keys.actor? {
         FaultActor::Mp => Some(Actor::Mp),
         FaultActor::Ecp => Some(Actor::Ecp(arm)),
