@@ -102,11 +102,10 @@ impl MotionGenerator for Guarded {
         let admittance = guarded_admittance(self.order.speed, self.order.force);
         let inertia = self.compliance.linear_inertia;
         let mut directions = [Direction::HOLD; 6];
-        for axis in 0..3 {
+        for (direction, along) in directions.iter_mut().zip(self.direction.iter()) {
             // A direction at right angles to the motion holds its place.
-            if self.direction[axis].abs() > 1e-9 {
-                let velocity = speed * self.direction[axis];
-                directions[axis] = Direction::Guarded { velocity, admittance, inertia };
+            if along.abs() > 1e-9 {
+                *direction = Direction::Guarded { velocity: speed * along, admittance, inertia };
             }
         }
         Next::go(Motion::Task { frame: self.order.frame, directions })

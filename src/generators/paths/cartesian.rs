@@ -64,7 +64,7 @@ struct Tool {
 
 /// Points of a path, and the distances between neighbours in its parameter.
 struct Points {
-    points: Vec<[f64; 6]>,
+    places: Vec<[f64; 6]>,
     lengths: Vec<f64>,
     from: Pose,
     to: Pose,
@@ -98,14 +98,14 @@ impl Points {
                 lengths.push(length);
             }
         }
-        Ok(Self { points, lengths, from, to, limits })
+        Ok(Self { places: points, lengths, from, to, limits })
     }
 
     /// Makes the curve of these points from its polynomial.
     fn curve(self, path: impl FnOnce(&Self) -> Polynomial<6>) -> Tool {
         let (path, length) = (path(&self), self.lengths.iter().sum());
-        let Self { points, from, to, limits, .. } = self;
-        Tool { path, length, from, to, limits, one_axis: points.len() == 2 }
+        let Self { places, from, to, limits, .. } = self;
+        Tool { path, length, from, to, limits, one_axis: places.len() == 2 }
     }
 }
 
@@ -161,21 +161,21 @@ impl Curve for Tool {
 impl PathOrder for Line {
     fn curve(self, site: &Site<'_>) -> Result<Box<dyn Curve>, String> {
         let points = Points::of(&[self.target], self.speed, site)?;
-        Ok(Box::new(points.curve(|of| Polynomial::spline(&of.points, &of.lengths))))
+        Ok(Box::new(points.curve(|of| Polynomial::spline(&of.places, &of.lengths))))
     }
 }
 
 impl PathOrder for Spline {
     fn curve(self, site: &Site<'_>) -> Result<Box<dyn Curve>, String> {
         let points = Points::of(&self.through, self.speed, site)?;
-        Ok(Box::new(points.curve(|of| Polynomial::spline(&of.points, &of.lengths))))
+        Ok(Box::new(points.curve(|of| Polynomial::spline(&of.places, &of.lengths))))
     }
 }
 
 impl PathOrder for Polyline {
     fn curve(self, site: &Site<'_>) -> Result<Box<dyn Curve>, String> {
         let points = Points::of(&self.through, self.speed, site)?;
-        if !(self.radius > 0.0) && points.points.len() > 2 {
+        if (self.radius.is_nan() || self.radius <= 0.0) && points.places.len() > 2 {
             return Err("corners need a radius above 0".to_owned());
         }
         let reach: Vec<f64> = points
@@ -183,6 +183,6 @@ impl PathOrder for Polyline {
             .windows(2)
             .map(|pair| self.radius.min(0.5 * pair[0]).min(0.5 * pair[1]))
             .collect();
-        Ok(Box::new(points.curve(|of| Polynomial::rounded(&of.points, &of.lengths, &reach))))
+        Ok(Box::new(points.curve(|of| Polynomial::rounded(&of.places, &of.lengths, &reach))))
     }
 }

@@ -6,8 +6,9 @@
 use super::super::own::Site;
 use crate::motion::AXES;
 
-/// Time in which the acceleration may rise from zero to its limit (s). It makes the jerk about as
-/// large as that of [`super::super::profile::Profile`] with a ramp at the same limits.
+/// Acceleration over the limit of the jerk (s). It makes the jerk about as large as that of
+/// [`super::super::profile::Profile`] with a ramp at the same limits. The acceleration rises in
+/// twice this time, because the change to full braking must keep the limit as well.
 const RISE: f64 = 0.15;
 
 /// Limits of one moving thing: in m or rad, s.
@@ -22,7 +23,7 @@ pub struct Limit {
 }
 
 impl Limit {
-    /// Makes the limit with the jerk that reaches this acceleration in 0.15 s.
+    /// Makes the limit with a jerk of this acceleration per 0.15 s.
     #[must_use]
     pub fn new(speed: f64, acceleration: f64) -> Self {
         Self { speed, acceleration, jerk: acceleration / RISE }

@@ -158,8 +158,9 @@ fn second_derivatives<const D: usize>(points: &[[f64; D]], h: &[f64]) -> Vec<[f6
         }
     }
     for i in (1..n.saturating_sub(1)).rev() {
-        for d in 0..D {
-            bends[i][d] -= upper[i] * bends[i + 1][d];
+        let next = bends[i + 1];
+        for (bend, next) in bends[i].iter_mut().zip(next) {
+            *bend -= upper[i] * next;
         }
     }
     bends

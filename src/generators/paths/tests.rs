@@ -231,8 +231,10 @@ fn long_line_uses_its_limits() {
         .collect();
     let [speed, acceleration, jerk] = peaks(&xs);
     assert!(speed > 0.999 * limit.speed && acceleration > 0.99 * limit.acceleration);
-    assert!(jerk > 0.9 * limit.jerk, "{jerk}");
-    // Distance over speed, speed over acceleration, acceleration over jerk on either side.
+    // The bound of the jerk is that of a change from full acceleration to full braking, so a
+    // motion with a part at full speed needs half of it.
+    assert!((0.45..0.55).contains(&(jerk / limit.jerk)), "{jerk}");
+    // Distance over speed, speed over acceleration, and the time of the mean.
     let least = 0.6 / 0.15 + 0.15 / 0.3 + 2.0 * 0.15;
     let seconds = (course.len() - 1) as f64 * STEP;
     assert!((seconds - least).abs() < 0.1, "{seconds} s, {least} s");
