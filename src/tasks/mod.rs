@@ -5,6 +5,7 @@
 //! sees the plant.
 
 pub mod cube;
+pub mod follow_contour;
 pub mod idle;
 pub mod patrol;
 
@@ -27,6 +28,10 @@ pub fn built_in() -> Registry {
         .task::<patrol::Patrol>("patrol")
         .verdict::<patrol::RoundsDone>()
         .programme::<patrol::Rounds>(patrol::ROUNDS)
+        .task::<follow_contour::FollowContour>("follow_contour")
+        .verdict::<follow_contour::Done>()
+        .programme::<follow_contour::Follower>(follow_contour::FOLLOW)
+        .programme::<follow_contour::Picker>(follow_contour::PICK)
 }
 
 /// Reads the scenario at `path` like [`scenario::load`], with the tasks of this crate.
