@@ -7,12 +7,12 @@
 //! rest.
 
 use super::moves::{
-    await_signal, go, grip, holds, lay, pause, rise, rise_to, tell, touch_down, zero,
+    await_signal, go, grip, holds, lay, pause, rise, rise_to, settle, tell, touch_down,
 };
 use super::orders::{FollowerOrder, signals};
+use crate::generators::Outcome;
 use crate::generators::contact::{Contour, ContourOrder, Followed};
 use crate::generators::own::MotionGenerator as _;
-use crate::generators::Outcome;
 use crate::kernel::Signal;
 use crate::kernel::programme::EcpTask;
 use crate::kernel::robot::{Hindrance, Robot, RobotKernel};
@@ -24,6 +24,8 @@ const AGAIN: f64 = 1.0;
 const LEAVE: f64 = 0.02;
 /// Longest way down to the contour (m).
 const REACH: f64 = 0.08;
+/// Share of the full speed at which it leaves.
+const PACE: f64 = 0.2;
 /// Share of the wanted force that ends the way down.
 const TOUCH: f64 = 0.5;
 /// Rest of the contour that is not worth another try (m).
@@ -66,17 +68,11 @@ async fn follow(robot: &Robot, whole: &ContourOrder) -> Result<Followed, Hindran
     let begin = robot.arms()[0].desired_base_from_tool.translation.vector;
     let mut sum = Followed { length: 0.0, lost: false, error: (0.0, 0.0) };
     for _ in 0..TRIES {
-        pause(robot, 0.3).await?;
-        zero(robot).await?;
-        if touch_down(robot, TOUCH * whole.force, REACH).await? == Outcome::NotTouched {
-            return Err(Hindrance("there is no contour below the probe".to_owned()));
-        }
         let order = ContourOrder { length: whole.length - sum.length, ..whole.clone() };
-        let order = Contour::behaviour("contour", &order).map_err(Hindrance)?;
-        let met = robot.behave(0, order).await;
+        let met = piece(robot, &order).await;
         let part = met.as_ref().ok().and_then(Outcome::result::<Followed>);
         if let Some(part) = part {
-            sum.error = (longer(&sum, &part), sum.error.1.max(part.error.1));
+            sum.error = (together(&sum, &part), sum.error.1.max(part.error.1));
             sum.length += part.length;
         } else {
             // The way over ground is a little shorter than that along the contour.
@@ -89,13 +85,22 @@ async fn follow(robot: &Robot, whole: &ContourOrder) -> Result<Followed, Hindran
         let why = met.map_or_else(|why| why.to_string(), |outcome| outcome.to_string());
         robot.tell(format!("contour interrupted after {:.0} mm: {why}", sum.length * 1e3));
         pause(robot, AGAIN).await?;
-        rise(robot, LEAVE, TOUCH).await?;
+        rise(robot, LEAVE, PACE).await?;
     }
     Err(Hindrance(format!("the contour was interrupted {TRIES} times")))
 }
 
+/// Moves down to the contour and follows it.
+async fn piece(robot: &Robot, order: &ContourOrder) -> Result<Outcome, Hindrance> {
+    settle(robot).await?;
+    if touch_down(robot, TOUCH * order.force, REACH).await? == Outcome::NotTouched {
+        return Err(Hindrance("there is no contour below the probe".to_owned()));
+    }
+    robot.behave(0, Contour::behaviour("contour", order).map_err(Hindrance)?).await
+}
+
 /// Returns the root mean square of the errors of two pieces (N), each weighted by its length.
-fn longer(sum: &Followed, part: &Followed) -> f64 {
+fn together(sum: &Followed, part: &Followed) -> f64 {
     let squares = sum.error.0.powi(2) * sum.length + part.error.0.powi(2) * part.length;
     libm::sqrt(squares / (sum.length + part.length).max(1e-9))
 }

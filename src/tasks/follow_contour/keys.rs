@@ -22,15 +22,15 @@ section! {
         part_size [mm]: [f64; 3] = [260.0, 57.0, 30.0], 10.0..=600.0;
         /// Centres of the parts that the second arm picks; it hands over the last one.
         parts_xyz [mm]: Vec<[f64; 3]> = vec![
-            [600.0, 2300.0, 865.0],
-            [750.0, 2300.0, 865.0],
-            [900.0, 2300.0, 865.0],
+            [670.0, 2300.0, 865.0],
+            [790.0, 2300.0, 865.0],
+            [910.0, 2300.0, 865.0],
         ], -5000.0..=5000.0;
         /// Centres of the places for these parts, in the same order; the first arm lays down the
         /// last one.
         goals_xyz [mm]: Vec<[f64; 3]> = vec![
-            [600.0, 1850.0, 865.0],
-            [750.0, 1850.0, 865.0],
+            [670.0, 1850.0, 865.0],
+            [790.0, 1850.0, 865.0],
             [750.0, 1090.0, 865.0],
         ], -5000.0..=5000.0;
         /// Centre of the part while it is handed over.

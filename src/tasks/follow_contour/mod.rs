@@ -30,6 +30,6 @@ pub use door::FollowContour;
 pub use follower::Follower;
 pub use keys::Keys;
 pub use master::follow_contour;
-pub use orders::{FOLLOW, FollowerOrder, Hand, PICK, PickerOrder, Spot};
+pub use orders::{FOLLOW, FollowerOrder, Hand, PICK, PickerOrder, Spot, signals};
 pub use picker::Picker;
 pub use verdict::Done;

@@ -22,9 +22,9 @@ use nalgebra::Vector3;
 /// Distance from an expected contact at which a slow motion begins (m).
 const NEAR: f64 = 0.03;
 /// Speed of motions that end at a contact (m/s).
-const SLOW: f64 = 0.012;
+const SLOW: f64 = 0.006;
 /// Force that ends the motion onto a part, and with a part onto its goal (N).
-const TOUCH: f64 = 4.0;
+const TOUCH: f64 = 3.0;
 /// Places along the jaws at which a part is sought, from the expected one (m).
 const SHIFTS: [f64; 5] = [0.0, 0.015, -0.015, 0.03, -0.03];
 /// Number of tries of a motion in free space, and the time before the next one (s).
@@ -32,6 +32,8 @@ const TRIES: u32 = 5;
 const AGAIN: f64 = 1.0;
 /// Longest time to wait for a signal (s).
 const PATIENCE: f64 = 600.0;
+/// Time in which an arm comes to rest (s).
+const SETTLES: f64 = 0.3;
 /// Time in which jaws open to leave a part (s).
 const LEAVE: f64 = 1.0;
 
@@ -91,8 +93,9 @@ pub(super) async fn open(robot: &Robot, hand: &Hand) -> Result<(), Hindrance> {
     robot.behave(0, order).await.map(|_| ())
 }
 
-/// Sets the force sensor to zero where the arm is.
-pub(super) async fn zero(robot: &Robot) -> Result<(), Hindrance> {
+/// Waits until the arm has come to rest, and sets its force sensor to zero there.
+pub(super) async fn settle(robot: &Robot) -> Result<(), Hindrance> {
+    pause(robot, SETTLES).await?;
     robot.bias(vec![true]).await
 }
 
@@ -106,8 +109,7 @@ pub(super) async fn grip(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), 
             line(robot, over(spot, shift, 0.0), hand.pace).await?;
         }
         line(robot, over(spot, shift, spot.down - NEAR), hand.pace).await?;
-        pause(robot, 0.3).await?;
-        zero(robot).await?;
+        settle(robot).await?;
         if approach_and_grasp(robot, hand).await? {
             return Ok(());
         }
@@ -143,8 +145,7 @@ pub(super) async fn lay(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), H
     go(robot, spot, hand.pace).await?;
     holds(robot, hand)?;
     line(robot, over(spot, 0.0, spot.down - NEAR), hand.pace).await?;
-    pause(robot, 0.3).await?;
-    zero(robot).await?;
+    settle(robot).await?;
     if touch_down(robot, TOUCH, 2.0 * NEAR).await? == Outcome::NotTouched {
         return Err(Hindrance("there is nothing on which the part could lie".to_owned()));
     }
