@@ -10,7 +10,7 @@
 //! | [`PICK`] | the second | lays the other parts down, then holds the last one out |
 //!
 //! The part goes from hand to hand: both grip the same bar, one hand beside the other. All
-//! messages go through MP, in the order of [`signals`](orders::signals), so that one hand lets go
+//! messages go through MP, in the order of [`signals`], so that one hand lets go
 //! only after the other one holds.
 //!
 //! - in: the places of contour, parts and hand-over, as the controller believes them
