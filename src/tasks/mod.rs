@@ -6,6 +6,7 @@
 
 pub mod carry_bar;
 pub mod cube;
+pub mod follow_contour;
 pub mod idle;
 pub mod patrol;
 
@@ -30,6 +31,10 @@ pub fn built_in() -> Registry {
         .task::<patrol::Patrol>("patrol")
         .verdict::<patrol::RoundsDone>()
         .programme::<patrol::Rounds>(patrol::ROUNDS)
+        .task::<follow_contour::FollowContour>("follow_contour")
+        .verdict::<follow_contour::Done>()
+        .programme::<follow_contour::Follower>(follow_contour::FOLLOW)
+        .programme::<follow_contour::Picker>(follow_contour::PICK)
 }
 
 /// Reads the scenario at `path` like [`scenario::load`], with the tasks of this crate.

@@ -5,6 +5,7 @@
 
 mod campaign;
 mod cli;
+mod contour;
 mod damage;
 mod hardware;
 mod last_second;

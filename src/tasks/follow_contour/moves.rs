@@ -1,0 +1,187 @@
+//! Motions of both programmes: to a place, onto a part, with a part onto its goal.
+//!
+//! - in: a [`Spot`], the [`Hand`]
+//! - out: motions of effector 0, and a hindrance if a part is not held
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | height of a place | `NEAR` above and below | errors of the bases |
+//! | part not between the jaws | `SHIFTS` along the jaws, one after another | the same |
+//! | motion that a force stops | again, `TRIES` times | a push passes |
+
+use super::orders::{Hand, Spot};
+use crate::generators::contact::{Guarded, GuardedOrder};
+use crate::generators::own::MotionGenerator as _;
+use crate::generators::{Behaviour, Outcome};
+use crate::kernel::robot::{Hindrance, Robot};
+use crate::kernel::{Message, Signal};
+use crate::motion::{Depth, Frame, JawCommand};
+use crate::spatial::Pose;
+use nalgebra::Vector3;
+
+/// Distance from an expected contact at which a slow motion begins (m).
+const NEAR: f64 = 0.03;
+/// Speed of motions that end at a contact (m/s).
+const SLOW: f64 = 0.006;
+/// Force that ends the motion onto a part, and with a part onto its goal (N).
+const TOUCH: f64 = 3.0;
+/// Places along the jaws at which a part is sought, from the expected one (m).
+const SHIFTS: [f64; 5] = [0.0, 0.015, -0.015, 0.03, -0.03];
+/// Number of tries of a motion in free space, and the time before the next one (s).
+const TRIES: u32 = 5;
+const AGAIN: f64 = 1.0;
+/// Longest time to wait for a signal (s).
+const PATIENCE: f64 = 600.0;
+/// Time in which an arm comes to rest (s).
+const SETTLES: f64 = 0.3;
+/// Time in which jaws open to leave a part (s).
+const LEAVE: f64 = 1.0;
+
+/// Has the arm carry out a motion in free space. One that something stops is tried again.
+async fn free(robot: &Robot, motion: Behaviour) -> Result<(), Hindrance> {
+    let mut tries = 1;
+    loop {
+        match robot.behave(0, motion.clone()).await {
+            Ok(_) => return Ok(()),
+            Err(why) if tries == TRIES => return Err(why),
+            Err(why) => robot.tell(format!("stopped on its way: {why}; it will try again")),
+        }
+        tries += 1;
+        pause(robot, AGAIN).await?;
+    }
+}
+
+/// Waits for a time (s).
+pub(super) async fn pause(robot: &Robot, seconds: f64) -> Result<(), Hindrance> {
+    robot.receive(seconds).await.map(|_| ())
+}
+
+/// Moves the arm to its place above a spot.
+pub(super) async fn go(robot: &Robot, spot: &Spot, pace: f64) -> Result<(), Hindrance> {
+    free(robot, Behaviour::Joints { target: spot.joints, speed: pace, seconds: 0.0 }).await
+}
+
+/// Moves the tool straight to a pose.
+async fn line(robot: &Robot, target: Pose, pace: f64) -> Result<(), Hindrance> {
+    free(robot, Behaviour::Line { target, speed: pace }).await
+}
+
+/// Raises the tool by a distance (m).
+pub(super) async fn rise(robot: &Robot, by: f64, pace: f64) -> Result<(), Hindrance> {
+    let mut target = robot.arms()[0].desired_base_from_tool;
+    target.translation.vector.z += by;
+    line(robot, target, pace).await
+}
+
+/// Raises the tool to the height above a spot.
+pub(super) async fn rise_to(robot: &Robot, spot: &Spot, pace: f64) -> Result<(), Hindrance> {
+    let height = robot.arms()[0].desired_base_from_tool.translation.z;
+    rise(robot, spot.above.translation.z - height, pace).await
+}
+
+/// Returns the pose above a spot, shifted along the jaws and moved down (m).
+fn over(spot: &Spot, shift: f64, down: f64) -> Pose {
+    let mut pose = spot.above;
+    pose.translation.vector += pose.rotation * Vector3::new(0.0, shift, down);
+    pose
+}
+
+/// Opens the jaws while the arm yields.
+pub(super) async fn open(robot: &Robot, hand: &Hand) -> Result<(), Hindrance> {
+    let jaw = JawCommand { opening: hand.open, force_limit: hand.grip, stops: Depth::One };
+    let order = Behaviour::Jaw { jaw, seconds: LEAVE, selector: [true; 6], strained: true };
+    robot.behave(0, order).await.map(|_| ())
+}
+
+/// Waits until the arm has come to rest, and sets its force sensor to zero there.
+pub(super) async fn settle(robot: &Robot) -> Result<(), Hindrance> {
+    pause(robot, SETTLES).await?;
+    robot.bias(vec![true]).await
+}
+
+/// Grips the part at a spot, and seeks it along the jaws if it is not there. The hand stays where
+/// it grips.
+pub(super) async fn grip(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), Hindrance> {
+    open(robot, hand).await?;
+    go(robot, spot, hand.pace).await?;
+    for shift in SHIFTS {
+        if shift != 0.0 {
+            line(robot, over(spot, shift, 0.0), hand.pace).await?;
+        }
+        line(robot, over(spot, shift, spot.down - NEAR), hand.pace).await?;
+        settle(robot).await?;
+        if approach_and_grasp(robot, hand).await? {
+            return Ok(());
+        }
+        robot.tell(format!("no part {:.0} mm beside its place", shift * 1e3));
+        open(robot, hand).await?;
+        rise_to(robot, spot, hand.pace).await?;
+    }
+    Err(Hindrance("there is no part at its place".to_owned()))
+}
+
+/// Moves down to a part and closes the jaws. Returns whether they hold something.
+async fn approach_and_grasp(robot: &Robot, hand: &Hand) -> Result<bool, Hindrance> {
+    let approach = Behaviour::Approach {
+        speed: SLOW,
+        distance: 2.0 * NEAR,
+        force: TOUCH,
+        selector: [false; 6],
+    };
+    if !matches!(robot.behave(0, approach).await, Ok(Outcome::Touched(_))) {
+        return Ok(false);
+    }
+    let grasp = Behaviour::Grasp {
+        force: hand.grip,
+        least_width: hand.least,
+        selector: [true; 6],
+        stops: Depth::One,
+    };
+    Ok(matches!(robot.behave(0, grasp).await, Ok(Outcome::Grasped(_))))
+}
+
+/// Lays the part in the hand down at a spot, and withdraws.
+pub(super) async fn lay(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), Hindrance> {
+    go(robot, spot, hand.pace).await?;
+    holds(robot, hand)?;
+    line(robot, over(spot, 0.0, spot.down - NEAR), hand.pace).await?;
+    settle(robot).await?;
+    if touch_down(robot, TOUCH, 2.0 * NEAR).await? == Outcome::NotTouched {
+        return Err(Hindrance("there is nothing on which the part could lie".to_owned()));
+    }
+    open(robot, hand).await?;
+    rise_to(robot, spot, hand.pace).await
+}
+
+/// Moves the tool down until it meets a force (N), at most for a distance (m).
+pub(super) async fn touch_down(
+    robot: &Robot,
+    force: f64,
+    distance: f64,
+) -> Result<Outcome, Hindrance> {
+    let (frame, direction) = (Frame::Base, -Vector3::z());
+    let order = GuardedOrder { frame, direction, speed: SLOW, force, distance };
+    robot.behave(0, Guarded::behaviour("guarded", &order).map_err(Hindrance)?).await
+}
+
+/// Checks that the jaws are as far open as a part is wide.
+pub(super) fn holds(robot: &Robot, hand: &Hand) -> Result<(), Hindrance> {
+    let opening = robot.arms()[0].jaw_opening;
+    if opening >= hand.least {
+        return Ok(());
+    }
+    Err(Hindrance(format!("the part is lost: the jaws are {:.1} mm apart", opening * 1e3)))
+}
+
+/// Waits for a signal of MP.
+pub(super) async fn await_signal(robot: &Robot, name: &str) -> Result<(), Hindrance> {
+    match robot.receive(PATIENCE).await? {
+        Some(Message::Signal { signal, .. }) if signal.name == name => Ok(()),
+        other => Err(Hindrance(format!("no signal `{name}`, but {other:?}"))),
+    }
+}
+
+/// Sends a signal to MP.
+pub(super) async fn tell(robot: &Robot, name: &str) -> Result<(), Hindrance> {
+    robot.signal(0, Signal::new(name)).await
+}
