@@ -33,3 +33,4 @@ pub use curve::{Cell, Curve, Demand};
 pub use joints::{JointPolyline, JointSpline};
 pub use law::Law;
 pub use limits::{Limit, Limits};
+pub use polynomial::Polynomial;
