@@ -7,6 +7,7 @@
 pub mod cube;
 pub mod idle;
 pub mod patrol;
+pub mod teach;
 
 use crate::registry::Registry;
 use crate::scenario::fault::Faults;
@@ -27,6 +28,8 @@ pub fn built_in() -> Registry {
         .task::<patrol::Patrol>("patrol")
         .verdict::<patrol::RoundsDone>()
         .programme::<patrol::Rounds>(patrol::ROUNDS)
+        .task::<teach::Teach>("teach")
+        .verdict::<teach::PlayedBack>()
 }
 
 /// Reads the scenario at `path` like [`scenario::load`], with the tasks of this crate.
