@@ -17,5 +17,6 @@ mod resume;
 mod robust;
 mod solve;
 mod tasks;
+mod teach;
 mod terminal;
 mod urdf;
