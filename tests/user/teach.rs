@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 /// A lead that a person ends after one short leg.
-const SHORT: &str = "lead=[{arm=\"postument\",points_mm=[[0,0,60]],speed_mm_s=14,force_n=18,at_s=2}]";
+const SHORT: &str = "lead=[{arm=\"postument\",points_mm=[[0,0,60]],speed_mm_s=14,force_n=18,\
+                     at_s=2}]";
 
 /// Folder of a test, which is removed at its end.
 struct Folder(PathBuf);
@@ -192,4 +193,16 @@ fn person_who_pulls_too_strongly_ends_guidance() {
 
     assert_ne!(summary.outcome, Outcome::Solved);
     assert!(summary.reason.contains(" N"), "{}", summary.reason);
+}
+
+/// The emergency stop ends the run while the arm is led. Nothing was taught, so no file is written.
+#[test]
+fn emergency_stop_ends_guidance_without_a_file() {
+    let folder = Folder::new("emergency");
+    let stop = "fault=[{name=\"e\",kind=\"emergency_stop\",at_s=5}]";
+
+    let summary = run("teach.toml", &[stop, &folder.key("way.toml")]);
+
+    assert_eq!(summary.outcome, Outcome::Aborted, "{}", summary.reason);
+    assert_eq!(std::fs::read_dir(&folder.0).unwrap().count(), 0);
 }
