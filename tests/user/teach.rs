@@ -181,7 +181,7 @@ fn arm_that_no_person_leads_is_reported() {
     let summary = run("teach.toml", &["lead=[]", "teach.patience_s=5"]);
 
     assert_eq!(summary.outcome, Outcome::Failed);
-    assert!(summary.reason.contains("nobody led the arm postument"), "{}", summary.reason);
+    assert!(summary.reason.contains("no person led the arm postument"), "{}", summary.reason);
 }
 
 #[test]

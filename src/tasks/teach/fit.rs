@@ -158,11 +158,13 @@ fn arc([a, b, c]: [Vector3<f64>; 3]) -> Piece {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::UnitQuaternion;
 
     /// Returns records along `place`, whose parameter is 0..=1.
     fn records(place: impl Fn(f64) -> Vector3<f64>) -> Vec<Point> {
         let at = |i: u32| {
-            let pose = Pose::from_parts(place(f64::from(i) / 100.0).into(), Default::default());
+            let pose =
+                Pose::from_parts(place(f64::from(i) / 100.0).into(), UnitQuaternion::identity());
             let mut joints = JointPositions::default();
             joints.0[..3].copy_from_slice(pose.translation.vector.as_slice());
             Point { joints, pose }
@@ -172,7 +174,10 @@ mod tests {
 
     /// Returns the pose of an arm whose first three joints are the place of its tool.
     fn forward(joints: &JointPositions) -> Pose {
-        Pose::from_parts(Vector3::from_column_slice(&joints.0[..3]).into(), Default::default())
+        Pose::from_parts(
+            Vector3::from_column_slice(&joints.0[..3]).into(),
+            UnitQuaternion::identity(),
+        )
     }
 
     #[test]

@@ -109,7 +109,7 @@ async fn taught(robot: &Robot, lesson: &Lesson) -> Result<Way, Hindrance> {
             break records;
         }
         if now(robot) >= until {
-            return Err(Hindrance(format!("nobody led the arm {name} by hand")));
+            return Err(Hindrance(format!("no person led the arm {name} by hand")));
         }
     };
     let records = fit::moving(&records);
