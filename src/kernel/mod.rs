@@ -31,6 +31,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::Debug;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A kernel of MP: it decides what the effectors do next.
@@ -106,6 +107,17 @@ pub struct Account {
     pub whereabouts: String,
     /// Figures for the summary, by name.
     pub figures: BTreeMap<String, Value>,
+    /// Text files that the task has made, for the run to write at its end.
+    pub documents: Vec<Document>,
+}
+
+/// Text file that a task makes. A kernel is pure, so the run writes it, and a replay does not.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Document {
+    /// Path of the file. An existing file stays as it is: the text goes to a free name beside it.
+    pub path: PathBuf,
+    /// Content.
+    pub text: String,
 }
 
 /// State from which a run continues a task that another run left unfinished, as the journal keeps

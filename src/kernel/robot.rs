@@ -19,8 +19,8 @@
 use super::procedure::{Port, Procedure, Shared};
 use super::sensor::SensorReadings;
 use super::{
-    Account, Action, Adjustment, Event, Finish, Forces, Input, Message, Picture, Programme,
-    Progress, Readings, Signal, Until,
+    Account, Action, Adjustment, Document, Event, Finish, Forces, Input, Message, Picture,
+    Programme, Progress, Readings, Signal, Until,
 };
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::{ArmState, PERIOD};
@@ -31,6 +31,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
+use std::path::PathBuf;
 
 /// Time between two looks at a reading or an input for which a procedure waits (s).
 const LOOK: f64 = 0.02;
@@ -63,6 +64,8 @@ pub struct Board {
     facts: BTreeMap<String, Value>,
     /// Figures for the summary, by name.
     figures: BTreeMap<String, Value>,
+    /// Text files for the run to write at its end.
+    documents: Vec<Document>,
     /// Entry that must be in the journal before the next action.
     entry: Option<Progress>,
     /// Messages that came while the procedure waited for something else.
@@ -93,7 +96,8 @@ impl Shared for Board {
     }
 
     fn account(&self) -> Account {
-        Account { whereabouts: String::new(), figures: self.figures.clone() }
+        let (figures, documents) = (self.figures.clone(), self.documents.clone());
+        Account { whereabouts: String::new(), figures, documents }
     }
 }
 
@@ -184,6 +188,13 @@ impl Robot {
     /// Puts a figure under this name into the summary of the run.
     pub fn report(&self, name: &str, figure: impl Serialize) {
         self.port.state(|board| board.figures.insert(name.to_owned(), value(figure)));
+    }
+
+    /// Has the run write a text file at its end. An existing file is not overwritten: see
+    /// [`Document`].
+    pub fn keep(&self, path: impl Into<PathBuf>, text: impl Into<String>) {
+        let document = Document { path: path.into(), text: text.into() };
+        self.port.state(|board| board.documents.push(document));
     }
 
     /// Has the journal say what the procedure is about to do, before its next action.

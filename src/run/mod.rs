@@ -15,6 +15,7 @@ pub(crate) mod calibrate;
 mod calibration_poses;
 mod composition;
 mod disturbance;
+mod documents;
 pub(crate) mod emulate;
 mod failure;
 mod gate;
@@ -116,6 +117,7 @@ pub fn run_with(
         .transpose()
         .map_err(|e| not_created("interrupt", &e.to_string()))?;
     let tempo = operator.tempo.clone();
+    let replays = context.playback.is_some();
     // The UIs exist and show each error from here on.
     match carried_out(scenario, options, context, operator) {
         Ok(done) => {
@@ -130,6 +132,10 @@ pub fn run_with(
                     // The text after these words says where the cube is.
                     summary.reason = summary.reason.replacen(BY_OPERATOR, "interrupted", 1);
                 }
+            }
+            // A verification only repeats a run, whose files exist already.
+            if !replays {
+                documents::write(&done.performed.kernel.account().documents, &mut summary);
             }
             // The page says that the run is over before a slow disk may delay the file.
             ui.over(outcome::outcome(&summary));

@@ -72,7 +72,7 @@ impl Node {
 
     /// Returns the value of `key` in a table; `None` if the key is missing or the node is no table.
     #[must_use]
-    pub(crate) fn get(&self, key: &str) -> Option<&Self> {
+    pub fn get(&self, key: &str) -> Option<&Self> {
         match &self.value {
             Value::Table(entries) => entries.iter().find(|e| e.key == key).map(|e| &e.node),
             _ => None,
@@ -82,7 +82,7 @@ impl Node {
 
 /// Parses a document. Adds faults of syntax to `faults` and returns what could be parsed.
 #[must_use]
-pub(crate) fn parse(source: &Rc<Source>, faults: &mut Faults) -> Node {
+pub fn parse(source: &Rc<Source>, faults: &mut Faults) -> Node {
     if let Some(line) = text::deep_line(&source.text) {
         let start = source.text.split_inclusive('\n').take(line - 1).map(str::len).sum();
         let place = Place { source: Rc::clone(source), span: start..start };
@@ -211,7 +211,7 @@ fn element(items: &[Node], part: &str) -> Option<usize> {
 
 /// Returns the text of the key `name` in an element of a list; `None` if it has no such text.
 #[must_use]
-pub(crate) fn name_of(node: &Node) -> Option<String> {
+pub fn name_of(node: &Node) -> Option<String> {
     match node.get("name").map(|n| &n.value) {
         Some(Value::Text(name)) => Some(name.clone()),
         _ => None,

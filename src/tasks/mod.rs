@@ -9,6 +9,7 @@ pub mod cube;
 pub mod follow_contour;
 pub mod idle;
 pub mod patrol;
+pub mod teach;
 
 use crate::registry::Registry;
 use crate::scenario::fault::Faults;
@@ -35,6 +36,8 @@ pub fn built_in() -> Registry {
         .verdict::<follow_contour::Done>()
         .programme::<follow_contour::Follower>(follow_contour::FOLLOW)
         .programme::<follow_contour::Picker>(follow_contour::PICK)
+        .task::<teach::Teach>("teach")
+        .verdict::<teach::PlayedBack>()
 }
 
 /// Reads the scenario at `path` like [`scenario::load`], with the tasks of this crate.

@@ -18,5 +18,6 @@ mod resume;
 mod robust;
 mod solve;
 mod tasks;
+mod teach;
 mod terminal;
 mod urdf;

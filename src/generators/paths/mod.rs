@@ -35,3 +35,4 @@ pub use curve::{Cell, Curve, Demand};
 pub use joints::{JointPolyline, JointSpline};
 pub use law::Law;
 pub use limits::{Limit, Limits};
+pub use polynomial::Polynomial;

@@ -21,7 +21,7 @@ struct Piece<const D: usize> {
 
 /// A curve of polynomials.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Polynomial<const D: usize> {
+pub struct Polynomial<const D: usize> {
     pieces: Vec<Piece<D>>,
 }
 
@@ -41,7 +41,8 @@ impl<const D: usize> Piece<D> {
 impl<const D: usize> Polynomial<D> {
     /// Makes the natural cubic spline through these points, which are `lengths` apart in the
     /// parameter. There are as many lengths as pairs of neighbours, all of them above 0.
-    pub(super) fn spline(points: &[[f64; D]], lengths: &[f64]) -> Self {
+    #[must_use]
+    pub fn spline(points: &[[f64; D]], lengths: &[f64]) -> Self {
         let bends = second_derivatives(points, lengths);
         let pieces = lengths.iter().enumerate().map(|(i, &length)| {
             let mut c = [[0.0; D]; TERMS];
@@ -96,7 +97,8 @@ impl<const D: usize> Polynomial<D> {
     }
 
     /// Returns the point at the parameter `u`.
-    pub(super) fn at(&self, u: f64) -> [f64; D] {
+    #[must_use]
+    pub fn at(&self, u: f64) -> [f64; D] {
         let mut left = u.max(0.0);
         for (i, piece) in self.pieces.iter().enumerate() {
             if left <= piece.length || i + 1 == self.pieces.len() {

@@ -193,7 +193,7 @@ impl Kernel for Mission {
 
     fn account(&self) -> Account {
         let (whereabouts, log) = (self.whereabouts(), self.log());
-        Account { whereabouts, figures: log.figures() }
+        Account { whereabouts, figures: log.figures(), ..Account::default() }
     }
 
     fn look_back(&mut self, arms: &[ArmState]) {

@@ -1,0 +1,247 @@
+//! The verdict on the task `teach`: the way of the tool in playback against the way on which the
+//! person led it, both from the plant.
+//!
+//! - in: the place of the tool in each period, and whether a person leads a tool
+//! - out: the distances between both ways; without a person those of the points of the file, seen
+//!   from the true base of the arm, from the way of the tool
+//!
+//! Playback begins where the tool leaves the beginning of the way. It may have begun several times,
+//! for instance after a push: the beginning with the smallest error counts, and all that follows.
+
+use super::door::Teach;
+use super::file_keys;
+use super::keys::{Keys, Mode, Play};
+use super::way::{distance, length};
+use crate::cell::Cell;
+use crate::hw::plant::Plant;
+use crate::motion::PERIOD;
+use crate::registry::{Judgement, Truth, Verdict};
+use nalgebra::Vector3;
+use std::path::Path;
+
+/// Time between two looks at the tools (ticks of 2 ms).
+const LOOK: u64 = 5;
+/// Distance below which a tool is at the same place (m).
+const SAME: f64 = 2e-4;
+/// Least length of a way (m).
+const LEAST: f64 = 0.05;
+/// Distance of both ways that is allowed beyond the tolerance of the chosen points (m): arms
+/// repeat a place with backlash and sag.
+const ARM: f64 = 2e-3;
+/// Most beginnings of a playback that are tried.
+const BEGINNINGS: usize = 20;
+
+/// Judge of the task.
+#[derive(Debug, Default)]
+pub struct PlayedBack {
+    /// True cell.
+    cell: Option<Cell>,
+    /// One entry an arm.
+    arms: Vec<Course>,
+    /// Greatest force of a person (N).
+    force: f64,
+}
+
+/// Course of one tool in the world (m).
+#[derive(Debug, Default)]
+struct Course {
+    /// Places while a person led a tool.
+    led: Vec<Vector3<f64>>,
+    /// Times (ticks) and places afterwards.
+    after: Vec<(u64, Vector3<f64>)>,
+}
+
+/// Errors of a playback.
+#[derive(Debug, Clone, Copy)]
+struct Errors {
+    /// Root of the mean square (m).
+    rms: f64,
+    /// Greatest (m).
+    greatest: f64,
+    /// Duration (s).
+    seconds: f64,
+    /// Length of the way (m).
+    length: f64,
+}
+
+impl Verdict for PlayedBack {
+    type Task = Teach;
+
+    fn watch(&mut self, tick: u64, plant: &Plant) {
+        if !tick.is_multiple_of(LOOK) {
+            return;
+        }
+        if self.cell.is_none() {
+            self.cell = Some(plant.cell().clone());
+        }
+        let forces: Vec<f64> = plant.lead_forces().collect();
+        self.force = forces.iter().copied().fold(self.force, f64::max);
+        let done = plant.leads_done() == forces.len();
+        let begun = self.force > 0.0;
+        let scene = plant.scene();
+        self.arms.resize_with(scene.arm_count, Course::default);
+        for (course, tool) in self.arms.iter_mut().zip(&scene.arms) {
+            let place = tool.world_from_tool.translation.vector;
+            if done {
+                course.follow(tick, place);
+            } else if begun && !course.led.last().is_some_and(|last| is_same(last, &place)) {
+                course.led.push(place);
+            }
+        }
+    }
+
+    fn judge(&self, keys: &Keys, _: &Truth) -> Judgement {
+        let (Some(cell), true) = (&self.cell, !self.arms.is_empty()) else {
+            return Judgement::new(false, "the plant did not run");
+        };
+        let index = cell.arms.iter().position(|arm| arm.name == keys.arm).unwrap_or_default();
+        let Some(course) = self.arms.get(index) else {
+            return Judgement::new(false, "the plant has no such arm");
+        };
+        if keys.mode == Mode::Play {
+            return match file_keys::load(Path::new(&keys.file), &cell.arms[index]) {
+                Err(faults) => Judgement::new(false, faults.to_string()),
+                Ok(way) => {
+                    let base = cell.arms[index].world_from_base;
+                    let places = way.points.iter().map(|point| base * point.pose);
+                    let places: Vec<_> = places.map(|pose| pose.translation.vector).collect();
+                    compared(course, &places, keys.play == Play::Line, keys.tolerance)
+                }
+            };
+        }
+        let led = length(&course.led);
+        let judgement = if led < LEAST {
+            Judgement::new(false, format!("the person led the tool by {:.1} mm only", led * 1e3))
+        } else if keys.mode == Mode::Teach {
+            Judgement::new(true, format!("the person led the tool by {:.1} mm", led * 1e3))
+        } else {
+            compared(course, &course.led, true, keys.tolerance)
+        };
+        judgement.with("led_mm", round(led * 1e3)).with("lead_force_n", round(self.force))
+    }
+}
+
+impl Course {
+    /// Follows the tool after the lead.
+    fn follow(&mut self, tick: u64, place: Vector3<f64>) {
+        if !self.after.last().is_some_and(|(_, last)| is_same(last, &place)) {
+            self.after.push((tick, place));
+        }
+    }
+}
+
+/// Returns whether two places are the same.
+fn is_same(a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
+    (a - b).norm() < SAME
+}
+
+/// Returns a figure with three digits after the point.
+fn round(figure: f64) -> f64 {
+    (figure * 1e3).round() / 1e3
+}
+
+/// Judges the course after the lead by the wanted way. `is_line` is whether the tool must stay on
+/// the polyline of `wanted`, and not only pass its points.
+fn compared(course: &Course, wanted: &[Vector3<f64>], is_line: bool, tolerance: f64) -> Judgement {
+    let within = tolerance + ARM;
+    let begins = beginnings(&course.after, wanted, within);
+    let errors = begins.iter().map(|begin| errors(&course.after[*begin..], wanted, is_line));
+    let Some(best) = errors.min_by(|a, b| a.greatest.total_cmp(&b.greatest)) else {
+        return Judgement::new(false, "the tool did not come to the beginning of the way");
+    };
+    let words = format!(
+        "the tool played {:.1} mm back within {:.2} mm of the way, {:.2} mm r.m.s.",
+        best.length * 1e3,
+        best.greatest * 1e3,
+        best.rms * 1e3
+    );
+    Judgement::new(best.greatest <= within, words)
+        .with("error_rms_mm", round(best.rms * 1e3))
+        .with("error_greatest_mm", round(best.greatest * 1e3))
+        .with("played_mm", round(best.length * 1e3))
+        .with("played_s", round(best.seconds))
+}
+
+/// Returns the last places at which the tool may have begun the way: for each stay at its beginning
+/// the nearest place.
+fn beginnings(after: &[(u64, Vector3<f64>)], wanted: &[Vector3<f64>], within: f64) -> Vec<usize> {
+    let Some(first) = wanted.first() else { return Vec::new() };
+    let mut found = Vec::new();
+    let mut stay: Option<(usize, f64)> = None;
+    for (i, (_, place)) in after.iter().enumerate() {
+        let away = (place - first).norm();
+        if away > within {
+            found.extend(stay.take().map(|(nearest, _)| nearest));
+        } else if stay.is_none_or(|(_, least)| away <= least) {
+            stay = Some((i, away));
+        }
+    }
+    let surplus = found.len().saturating_sub(BEGINNINGS);
+    found.split_off(surplus)
+}
+
+/// Returns the errors of a playback against the wanted way.
+fn errors(played: &[(u64, Vector3<f64>)], wanted: &[Vector3<f64>], is_line: bool) -> Errors {
+    let places: Vec<Vector3<f64>> = played.iter().map(|(_, place)| *place).collect();
+    // The tool must pass all of the way, and stay on it.
+    let passed: Vec<f64> = wanted.iter().map(|place| distance(place, &places)).collect();
+    let stayed: Vec<f64> = if is_line {
+        places.iter().map(|place| distance(place, wanted)).collect()
+    } else {
+        passed.clone()
+    };
+    let squares: f64 = stayed.iter().map(|error| error * error).sum();
+    let ticks = match played {
+        [first, .., last] => last.0 - first.0,
+        _ => 0,
+    };
+    Errors {
+        rms: (squares / stayed.len().max(1) as f64).sqrt(),
+        greatest: passed.iter().chain(&stayed).copied().fold(0.0, f64::max),
+        seconds: ticks as f64 * PERIOD,
+        length: length(&places),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns places along x and then along y, each leg 100 mm.
+    fn corner(offset: f64) -> Vec<Vector3<f64>> {
+        let x = (0..=100).map(|i| Vector3::new(f64::from(i) * 1e-3, offset, 0.0));
+        let y = (1..=100).map(|i| Vector3::new(0.1 - offset, f64::from(i) * 1e-3, 0.0));
+        x.chain(y).collect()
+    }
+
+    /// Returns the judgement on a tool that takes these courses after the lead.
+    fn judged(courses: &[&[Vector3<f64>]]) -> Judgement {
+        let mut course = Course::default();
+        let places = courses.iter().copied().flatten();
+        places.zip(0..).for_each(|(place, tick)| course.follow(tick, *place));
+        compared(&course, &corner(0.0), true, 1e-3)
+    }
+
+    #[test]
+    fn same_way_is_right_and_other_wrong() {
+        let back: Vec<_> = corner(0.0).into_iter().rev().collect();
+        let aside = [Vector3::new(0.2, 0.2, 0.2)];
+        let begun = &corner(0.0)[..50];
+
+        let good = judged(&[&back, &corner(0.5e-3)]);
+        assert!(good.right, "{}", good.words);
+        let greatest = good.figures["error_greatest_mm"].as_f64().unwrap();
+        assert!((0.4..0.8).contains(&greatest), "{greatest}");
+        let again = judged(&[&back, begun, &aside, &corner(0.0)]);
+        assert!(again.right, "interrupted once: {}", again.words);
+
+        for wrong in [
+            judged(&[&back, &corner(5e-3)]),
+            judged(&[&back, begun]),
+            judged(&[&back, &corner(0.0), &aside]),
+            judged(&[&aside, &back[..100]]),
+        ] {
+            assert!(!wrong.right, "{}", wrong.words);
+        }
+    }
+}
