@@ -39,7 +39,9 @@ pub fn follow_contour(follower: FollowerOrder, picker: PickerOrder) -> RobotKern
         while running > 0 {
             match receive(&robot).await? {
                 Message::Ended { .. } => running -= 1,
-                other => return Err(Hindrance(format!("unexpected message: {other:?}"))),
+                other @ Message::Signal { .. } => {
+                    return Err(Hindrance(format!("unexpected message: {other:?}")));
+                }
             }
         }
         let laid = picker.parts.len();

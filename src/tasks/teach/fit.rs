@@ -24,7 +24,7 @@ type Piece = Vec<Vector3<f64>>;
 
 /// Returns the records without those at which the arm rested.
 #[must_use]
-pub fn moving(records: &[Point]) -> Vec<Point> {
+pub(super) fn moving(records: &[Point]) -> Vec<Point> {
     let mut kept: Vec<Point> = Vec::new();
     for record in records {
         let near = |last: &Point| (last.place() - record.place()).norm() < SAME;
@@ -44,7 +44,7 @@ pub fn moving(records: &[Point]) -> Vec<Point> {
 /// Chooses points from the records of a moving arm. `forward` gives the pose of the tool at joint
 /// positions.
 #[must_use]
-pub fn choose(
+pub(super) fn choose(
     records: &[Point],
     by: Play,
     tolerance: f64,
@@ -96,7 +96,7 @@ fn pieces(
             let places: Vec<[f64; 3]> = points.iter().map(|p| p.place().into()).collect();
             let apart = |p: &[Point]| (p[1].place() - p[0].place()).norm();
             let lengths = points.windows(2).map(|p| apart(p).max(1e-6)).collect();
-            curve(&places, lengths, |at| Vector3::from(at))
+            curve(&places, lengths, Vector3::from)
         }
         Play::JointSpline => {
             let places: Vec<[f64; AXES]> = points.iter().map(|p| p.joints.0).collect();
