@@ -450,7 +450,7 @@ mod tests {
         let presents = |outcome: Outcome| {
             let mut stage = stage();
             let waits = async |robot: &mut Robot| wait_for_a_pull(robot, 1).await;
-            let (end, _) = stage.play(waits, &mut |_, _| track(outcome));
+            let (end, _) = stage.play(waits, &mut |_, _| track(outcome.clone()));
             (end, stage)
         };
 

@@ -659,7 +659,7 @@ mod tests {
     #[test]
     fn cube_of_an_earlier_run_is_looked_for() {
         for nobody in [Outcome::LostSight(5.0), Outcome::OutOfZone(5.0)] {
-            let (end, _, patience) = sought(None, nobody);
+            let (end, _, patience) = sought(None, nobody.clone());
             assert!(end.achieved && end.reason.contains("no person has held it out"));
             assert_eq!(patience, Some(SEEK_SECONDS));
 
