@@ -1,8 +1,8 @@
 //! The verdict on the task `follow_contour`, by the objects of the plant: the force on the contour
 //! and its length, the parts at their places, and the hand-over.
 //!
-//! The contour is the first fixed object with a curve; the parts are the loose objects, in the order
-//! of the keys.
+//! The contour is the first fixed object with a curve; the parts are the loose objects, in the
+//! order of the keys.
 
 use super::door::FollowContour;
 use super::keys::Keys;
