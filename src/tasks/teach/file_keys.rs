@@ -20,7 +20,7 @@ const MOST: usize = 2000;
 
 section! {
     /// File of a way, without its points.
-    pub FileKeys {
+    pub(super) FileKeys {
         /// Arm whose way it is.
         arm: String = String::new();
     } with {
@@ -31,7 +31,7 @@ section! {
 
 section! {
     /// Joints near which the arm reaches the first point.
-    pub PostureKeys {
+    pub(super) PostureKeys {
         /// Place on the track.
         track [mm]: f64 = 0.0, -20000.0..=20000.0;
         /// Joints 1 to 6.
@@ -41,7 +41,7 @@ section! {
 
 section! {
     /// Point of a way: a pose, or a place of the joints.
-    pub PointKeys {
+    pub(super) PointKeys {
         /// Name for messages.
         name: String = String::new();
         /// Place of the tool in the base of the arm.
@@ -59,7 +59,7 @@ section! {
 ///
 /// # Errors
 /// That the file cannot be read, or its faults.
-pub fn load(path: &Path, arm: &Arm) -> Result<Way, Faults> {
+pub(super) fn load(path: &Path, arm: &Arm) -> Result<Way, Faults> {
     let text = text::read(path, text::SCENARIO).map_err(|why| {
         let mut faults = Faults::default();
         faults.add(None, why.to_string());
@@ -72,7 +72,7 @@ pub fn load(path: &Path, arm: &Arm) -> Result<Way, Faults> {
 ///
 /// # Errors
 /// All faults of the text.
-pub fn read(name: &str, text: &str, arm: &Arm) -> Result<Way, Faults> {
+pub(super) fn read(name: &str, text: &str, arm: &Arm) -> Result<Way, Faults> {
     let source = Source { name: name.to_owned(), text: text.to_owned(), is_file: true };
     let mut reader = Reader::default();
     let document = tree::parse(&Rc::new(source), &mut reader.faults);

@@ -23,8 +23,7 @@ const PARTS: u32 = 16;
 type Piece = Vec<Vector3<f64>>;
 
 /// Returns the records without those at which the arm rested.
-#[must_use]
-pub fn moving(records: &[Point]) -> Vec<Point> {
+pub(super) fn moving(records: &[Point]) -> Vec<Point> {
     let mut kept: Vec<Point> = Vec::new();
     for record in records {
         let near = |last: &Point| (last.place() - record.place()).norm() < SAME;
@@ -43,8 +42,7 @@ pub fn moving(records: &[Point]) -> Vec<Point> {
 
 /// Chooses points from the records of a moving arm. `forward` gives the pose of the tool at joint
 /// positions.
-#[must_use]
-pub fn choose(
+pub(super) fn choose(
     records: &[Point],
     by: Play,
     tolerance: f64,

@@ -99,22 +99,19 @@ fn number(x: f64, digits: usize) -> String {
 }
 
 /// Returns whether three points make an arc, and not a line.
-#[must_use]
-pub fn bends([a, b, c]: [Vector3<f64>; 3]) -> bool {
+pub(super) fn bends([a, b, c]: [Vector3<f64>; 3]) -> bool {
     let (first, second) = (b - a, c - a);
     let apart = (c - b).norm() > BENT * first.norm();
     apart && first.cross(&second).norm() > BENT * first.norm() * second.norm()
 }
 
 /// Returns the length of a polyline (m).
-#[must_use]
-pub fn length(places: &[Vector3<f64>]) -> f64 {
+pub(super) fn length(places: &[Vector3<f64>]) -> f64 {
     places.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum()
 }
 
 /// Returns the distance of a place from a polyline (m); infinite if that is empty.
-#[must_use]
-pub fn distance(place: &Vector3<f64>, line: &[Vector3<f64>]) -> f64 {
+pub(super) fn distance(place: &Vector3<f64>, line: &[Vector3<f64>]) -> f64 {
     let alone = line.first().map_or(f64::INFINITY, |only| (place - only).norm());
     let from_leg = |pair: &[Vector3<f64>]| {
         let leg = pair[1] - pair[0];
