@@ -299,7 +299,10 @@ impl Grasp {
         if across > 0.0 && depth > 0.0 && face + hands.size.z > -g.palm {
             for (i, side) in [1.0, -1.0].into_iter().enumerate() {
                 let press = between + side * e.p.y - 0.5 * hands.opening;
-                if press <= 0.0 {
+                // An object beside the hand, beyond the back of the finger, is not between the pads.
+                let behind = 0.5 * hands.opening + g.finger_thickness;
+                let outside = hands.anywhere && !self.attached();
+                if press <= 0.0 || outside && side * e.p.y - between >= behind {
                     continue;
                 }
                 // Beside: a pad presses along y.

@@ -149,6 +149,8 @@ pub(super) async fn lay(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), H
     if touch_down(robot, TOUCH, 2.0 * NEAR).await? == Outcome::NotTouched {
         return Err(Hindrance("there is nothing on which the part could lie".to_owned()));
     }
+    // Fingers that have lost the part touch the place as well.
+    holds(robot, hand)?;
     open(robot, hand).await?;
     rise_to(robot, spot, hand.pace).await
 }

@@ -199,6 +199,19 @@ fn dropped_box_falls_and_rests_flat() {
     assert!(up.z > 1.0 - 1e-6, "{up}");
 }
 
+/// A part lies beside the open hand, 30 mm from the back of a finger: nothing touches it.
+#[test]
+fn part_beside_open_hand_is_not_touched() {
+    let mut beside = ObjectConfig { fixed: true, ..bar() };
+    beside.world_from_object = Pose::translation(-0.15, 0.12, 0.0);
+    let mut bench = Bench::new(&[beside], [None; 2]);
+
+    bench.run(10);
+
+    let load = bench.objects.load(0).copied().unwrap_or(Load::NONE);
+    assert!(!load.any(), "{load:?}");
+}
+
 /// A bar lies on two narrow fixed boxes, with its ends beyond them.
 #[test]
 fn bar_rests_on_two_supports() {
