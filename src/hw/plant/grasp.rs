@@ -113,6 +113,14 @@ pub(super) struct Hands<'a> {
     pub(super) layer: Frame,
 }
 
+impl Hands<'_> {
+    /// Checks whether an object whose nearer side is at `nearest` along the jaws (m) lies beside
+    /// the hand, beyond the back of the finger on this side. The cube never lies there.
+    fn is_behind(&self, nearest: f64) -> bool {
+        self.anywhere && nearest >= 0.5 * self.opening + self.gripper.finger_thickness
+    }
+}
+
 /// Contact of a gripper in one evaluation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Touch {
@@ -299,10 +307,7 @@ impl Grasp {
         if across > 0.0 && depth > 0.0 && face + hands.size.z > -g.palm {
             for (i, side) in [1.0, -1.0].into_iter().enumerate() {
                 let press = between + side * e.p.y - 0.5 * hands.opening;
-                // An object beside the hand, beyond the back of the finger, is not between the pads.
-                let behind = 0.5 * hands.opening + g.finger_thickness;
-                let outside = hands.anywhere && !self.attached();
-                if press <= 0.0 || outside && side * e.p.y - between >= behind {
+                if press <= 0.0 || !self.attached() && hands.is_behind(side * e.p.y - between) {
                     continue;
                 }
                 // Beside: a pad presses along y.
