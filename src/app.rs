@@ -54,7 +54,7 @@ impl App {
         self
     }
 
-    /// Gives the sensor that was added last a model of its device. Without one a simulated run uses
+    /// Gives a sensor that was added before a model of its device. Without one a simulated run uses
     /// the real device.
     #[must_use]
     pub fn simulated<D: DeviceModel>(mut self) -> Self {

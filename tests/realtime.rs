@@ -178,7 +178,7 @@ fn filter_system_calls() {
 }
 
 /// Number of the command before which the emergency stop is pressed.
-const STOPPED: usize = 12;
+const STOPPED: usize = 11;
 
 /// Returns commands of all kinds that an EDP sends: motions, jaws, a refused motion, settings, and
 /// a reset after the stop.

@@ -159,7 +159,9 @@ impl Vsp {
             _ => {}
         }
         self.reported = value.is_err();
-        let valid = MISSED * self.periods;
+        // A device slower than its period is given more time, or none of its readings would count.
+        let took = self.services.clock.period().saturating_sub(period);
+        let valid = MISSED * self.periods.max(took);
         self.latest.send_replace(Some(SensorReading { period, valid, value }));
     }
 }

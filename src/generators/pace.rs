@@ -33,9 +33,37 @@ pub(super) fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
                 from.rotation.try_slerp(&pose.rotation, inputs.pace, 0.0).unwrap_or(pose.rotation),
             );
         }
-        // At full pace the pose is kept exactly. The other motions come from position control
-        // alone.
-        Motion::Pose(_) | Motion::Hold | Motion::MotorsBy(_) | Motion::Joints(_) => {}
+        // The joints make only a part of the step as well.
+        Motion::Joints(joints) if inputs.pace < 1.0 => {
+            *joints = inputs.arm.desired_joints.towards(joints, inputs.pace);
+        }
+        // At full pace the set values are kept exactly. No generator orders steps of motors.
+        Motion::Pose(_) | Motion::Joints(_) | Motion::Hold | Motion::MotorsBy(_) => {}
     }
     Next::Go(command)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::{ArmState, JointPositions, MoveCommand};
+
+    #[test]
+    fn joints_make_only_the_paced_part() {
+        let arm = ArmState::default();
+        let target = JointPositions([0.2; 7]);
+        let step = |pace: f64| {
+            let motion = Motion::Joints(target);
+            let command = MoveCommand { motion, periods: 8, jaw: None };
+            let inputs = Inputs { arm: &arm, target: None, period: 0, pace };
+            match slowed(Next::Go(command), &inputs) {
+                Next::Go(MoveCommand { motion: Motion::Joints(joints), .. }) => joints.0[3],
+                other => panic!("{other:?}"),
+            }
+        };
+
+        assert_eq!(step(1.0), 0.2);
+        assert!((step(0.25) - 0.05).abs() < 1e-12, "{}", step(0.25));
+        assert_eq!(step(0.0), 0.0);
+    }
 }

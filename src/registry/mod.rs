@@ -69,13 +69,12 @@ impl Registry {
         self
     }
 
-    /// Returns the registry with a model of the device of the sensor that was added last. Without
+    /// Returns the registry with a model of the device of a sensor that was added before. Without
     /// one a simulated run uses the real device.
     #[must_use]
     pub fn simulated<D: DeviceModel>(mut self) -> Self {
-        if let Some(sensor) = self.sensors.last_mut() {
-            sensor.simulated_by::<D>();
-        }
+        let modelled = |sensor: &&mut SensorEntry| sensor.is::<D::Sensor>();
+        self.sensors.iter_mut().filter(modelled).for_each(SensorEntry::simulated_by::<D>);
         self
     }
 

@@ -15,7 +15,7 @@ use crate::scenario::declared::{Keys, SensorDeclaration};
 use crate::scenario::section::Section;
 use serde::Serialize;
 use serde_json::Value;
-use std::any::Any;
+use std::any::{Any, TypeId};
 use std::fmt::{self, Debug};
 
 /// Kernel of a VSP: it makes readings of the measurements of a device.
@@ -125,6 +125,8 @@ type MakeSimulated =
 #[derive(Clone)]
 pub struct SensorEntry {
     name: &'static str,
+    /// Type of the sensor.
+    of: TypeId,
     defaults: fn() -> Box<dyn Keys>,
     real: MakeReal,
     simulated: Option<MakeSimulated>,
@@ -143,6 +145,7 @@ impl SensorEntry {
     pub(super) fn of<S: Sensor>(name: &'static str) -> Self {
         Self {
             name,
+            of: TypeId::of::<S>(),
             defaults: || Box::new(S::Keys::default()),
             real: |entry, config| {
                 let keys = entry.keys::<S>(config);
@@ -151,6 +154,11 @@ impl SensorEntry {
             },
             simulated: None,
         }
+    }
+
+    /// Returns whether this is the sensor `S`.
+    pub(super) fn is<S: Sensor>(&self) -> bool {
+        self.of == TypeId::of::<S>()
     }
 
     /// Gives the sensor a model of its device.

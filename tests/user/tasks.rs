@@ -85,7 +85,7 @@ fn dropped_bar_is_no_success() {
 fn carry_bar_needs_two_arms_and_turns() {
     for (set, fault) in [
         ("carry_bar.turns_deg=[0]", "`carry_bar.turns_deg`: the way has 3 points and 1 turns"),
-        ("carry_bar.speed_mm_s=400", "is faster than `control.linear_speed_mm_s`"),
+        ("carry_bar.speed_mm_s=480", "is faster than `control.linear_speed_mm_s`"),
         ("coordination=sporadic", "needs \"continuous\""),
     ] {
         let faults = refused("carry_bar.toml", set);

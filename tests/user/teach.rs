@@ -138,6 +138,10 @@ fn taught_file_never_replaces_an_existing_one() {
     assert!(std::fs::read_to_string(second).unwrap().contains("[[point]]"));
 }
 
+/// File of a way with a key that does not exist in its third line.
+const WRONG: &str =
+    "arm = \"postument\"\n[[point]]\nxyz_cm = [0, 0, 1]\n[[point]]\nxyz_cm = [0, 0, 2]\n";
+
 #[test]
 fn missing_or_wrong_way_is_refused_before() {
     let folder = Folder::new("wrong");
@@ -152,7 +156,7 @@ fn missing_or_wrong_way_is_refused_before() {
     assert!(faults(&["teach.mode=play"]).contains("`teach.file` is missing"));
     let missing = faults(&["teach.mode=play", &named]);
     assert!(missing.contains(&file.display().to_string()), "{missing}");
-    std::fs::write(&file, "arm = \"postument\"\n[[point]]\nxyz_cm = [0, 0, 1]\n").unwrap();
+    std::fs::write(&file, WRONG).unwrap();
     let wrong = faults(&["teach.mode=play", &named]);
     assert!(wrong.contains("way.toml:3:1: unknown key `xyz_cm`"), "{wrong}");
     assert!(faults(&["teach.arm=left"]).contains("there is no effector \"left\""));

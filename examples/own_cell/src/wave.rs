@@ -6,6 +6,7 @@
 use crate::nod::{Nod, NodOrder};
 use rubik_robot::generators::Behaviour;
 use rubik_robot::generators::own::MotionGenerator as _;
+use rubik_robot::hw::plant::Plant;
 use rubik_robot::kernel::programme::EcpTask;
 use rubik_robot::kernel::robot::{Hindrance, Robot, RobotKernel};
 use rubik_robot::kernel::{Message, Until};
@@ -13,6 +14,7 @@ use rubik_robot::registry::{Judgement, Setup, Task, Truth, Verdict};
 use rubik_robot::scenario::declared::Properties;
 use rubik_robot::scenario::keys::Coordination;
 use rubik_robot::section;
+use rubik_robot::spatial::Pose;
 
 /// Longest time of a programme (s).
 const PATIENCE: f64 = 120.0;
@@ -134,23 +136,46 @@ fn turn(robot: &Robot, arm: usize, by: f64) -> Behaviour {
     Behaviour::Joints { target, speed: 0.5, seconds: 0.0 }
 }
 
-/// Judge of the task: the tools must be back at their first places.
+/// Share of the angle by which each tool must have turned.
+const TURNED: f64 = 0.8;
+/// Largest turn of a tool from its first pose at the end (rad).
+const BACK_TURNED: f64 = 0.01;
+
+/// Judge of the task: each tool must have turned, and be back.
 #[derive(Default)]
-pub struct BackAgain;
+pub struct BackAgain {
+    /// First pose of each tool, and its greatest turn from there (rad).
+    tools: Vec<(Pose, f64)>,
+}
 
 impl Verdict for BackAgain {
     type Task = Wave;
 
-    fn judge(&self, _: &Keys, truth: &Truth) -> Judgement {
-        let farthest = truth
-            .tools()
-            .into_iter()
-            .map(|(from, to)| (to.translation.vector - from.translation.vector).norm())
-            .fold(0.0, f64::max);
+    fn watch(&mut self, _: u64, plant: &Plant) {
+        let scene = plant.scene();
+        for (arm, now) in scene.arms.iter().take(scene.arm_count).enumerate() {
+            if self.tools.len() == arm {
+                self.tools.push((now.world_from_tool, 0.0));
+            }
+            let (first, turned) = &mut self.tools[arm];
+            *turned = turned.max(first.rotation.angle_to(&now.world_from_tool.rotation));
+        }
+    }
+
+    fn judge(&self, keys: &Keys, truth: &Truth) -> Judgement {
+        let tools = truth.tools();
+        let moved = |(from, to): &(Pose, Pose)| (from.inverse() * to).translation.vector.norm();
+        let farthest = tools.iter().map(moved).fold(0.0, f64::max);
+        let off = |(from, to): &(Pose, Pose)| from.rotation.angle_to(&to.rotation);
+        let back = farthest < BACK_WITHIN && tools.iter().all(|tool| off(tool) < BACK_TURNED);
+        let least = self.tools.iter().map(|(_, turned)| *turned).fold(f64::INFINITY, f64::min);
+        let waved = !self.tools.is_empty() && least > TURNED * keys.swing;
         let ends: Vec<_> = truth.tools().iter().map(|(_, to)| to.translation.vector).collect();
         let gap = if let [first, second] = ends[..] { (second - first).norm() } else { 0.0 };
-        let words = format!("the farthest tool is {:.1} mm from its first place", farthest * 1e3);
-        Judgement::new(farthest < BACK_WITHIN, words)
+        let (turned, mm) = (least.to_degrees(), farthest * 1e3);
+        let words = format!("each tool turned by {turned:.1} deg; {mm:.1} mm from its place");
+        Judgement::new(waved && back, words)
+            .with("turned_deg", turned)
             .with("farthest_mm", farthest * 1e3)
             .with("true_gap_mm", gap * 1e3)
     }

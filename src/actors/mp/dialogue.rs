@@ -126,9 +126,8 @@ impl Mp {
         // an arm that comes too near an obstacle.
         if let Some(guard) = self.guard() {
             let from = self.known().map(|arm| arm.map(|arm| &arm.desired_joints));
-            self.parts
-                .apart
-                .set(guard.keep_apart(from, [&PlannedMotion::Stays, &PlannedMotion::Stays]));
+            let apart = guard.keep_apart(from, [&PlannedMotion::Stays, &PlannedMotion::Stays]);
+            self.parts.apart.set(apart || !self.programmes.running.is_empty());
         }
         let mut jog = Jog::new(axis, by, macrostep);
         while !jog.is_over() {

@@ -234,8 +234,9 @@ impl Mp {
         let Some(guard) = self.guard() else { return Ok(()) };
         let known = Known { arms: self.known(), tools: &self.tools };
         let apart = ways::check_paths(&guard, known, orders, forecasts)?;
-        // Before the motion begins, so that the lookout judges all of it by the right rule.
-        self.parts.apart.set(apart);
+        // Before the motion begins, so that the lookout judges all of it by the right rule. The
+        // hand of a programme must stay apart from every other one.
+        self.parts.apart.set(apart || !self.programmes.running.is_empty());
         ways::slow_down(&guard, known, &self.parts.manners, orders, forecasts);
         Ok(())
     }

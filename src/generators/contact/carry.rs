@@ -13,7 +13,7 @@
 use super::super::compliance::{Compliance, Selector};
 use super::super::inputs::Inputs;
 use super::super::outcome::{Next, Outcome};
-use super::super::own::{Forecast, MotionGenerator, Pacing, Place, Places, Site};
+use super::super::own::{Forecast, MotionGenerator, Pacing, Place, Places, Site, Touch};
 use super::super::paths::{Cell, Curve, Law, PathOrder, advance, pauses, places};
 use super::guarded::positive;
 use crate::motion::{ArmState, Direction, Frame, Motion};
@@ -91,6 +91,10 @@ impl<O: PathOrder> MotionGenerator for Carry<O> {
             before: at,
             order: std::marker::PhantomData,
         })
+    }
+
+    fn touch(&self) -> Touch {
+        Touch::Contact
     }
 
     fn next(&mut self, inputs: &Inputs<'_>) -> Next {

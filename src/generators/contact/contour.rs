@@ -20,7 +20,7 @@
 use super::super::compliance::Compliance;
 use super::super::inputs::Inputs;
 use super::super::outcome::{Next, Outcome};
-use super::super::own::{MotionGenerator, Pacing, Site};
+use super::super::own::{MotionGenerator, Pacing, Site, Touch};
 use super::guarded::{force_in_base, positive, unit};
 use crate::motion::{ArmState, Direction, Frame, Motion};
 use nalgebra::{Unit, UnitQuaternion, Vector3};
@@ -141,6 +141,10 @@ impl MotionGenerator for Contour {
             length: 0.0,
             errors: (0.0, 0.0, 0.0),
         })
+    }
+
+    fn touch(&self) -> Touch {
+        Touch::Contact
     }
 
     fn next(&mut self, inputs: &Inputs<'_>) -> Next {

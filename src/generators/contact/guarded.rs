@@ -10,7 +10,7 @@
 use super::super::compliance::{Compliance, guarded_admittance};
 use super::super::inputs::Inputs;
 use super::super::outcome::{Next, Outcome};
-use super::super::own::{MotionGenerator, Site};
+use super::super::own::{MotionGenerator, Site, Touch};
 use crate::motion::{ArmState, Direction, Frame, Motion};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -80,6 +80,10 @@ impl MotionGenerator for Guarded {
         let from = (in_base, pose.translation.vector);
         let acceleration = site.speeds.linear_acceleration;
         Ok(Self { order, direction, from, acceleration, compliance: site.compliance })
+    }
+
+    fn touch(&self) -> Touch {
+        Touch::Contact
     }
 
     fn next(&mut self, inputs: &Inputs<'_>) -> Next {

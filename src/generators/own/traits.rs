@@ -86,9 +86,10 @@ pub trait MotionGenerator: Send + Sync + Sized + 'static {
         None
     }
 
-    /// Returns what the tool may touch on the way.
+    /// Returns what the tool may touch on the way: by default nothing, so that an obstacle ends the
+    /// motion.
     fn touch(&self) -> Touch {
-        Touch::Contact
+        Touch::Free
     }
 
     /// Returns how a pause slows the generator down.

@@ -33,6 +33,13 @@ impl Task for CarryBar {
             );
             reader.fault("carry_bar.turns_deg", reason);
         }
+        if keys.stop_force > config.control.force_limit {
+            let reason = format!(
+                "`carry_bar.stop_force_n`: {} N is above `control.force_limit_n`, {} N",
+                keys.stop_force, config.control.force_limit
+            );
+            reader.fault("carry_bar.stop_force_n", reason);
+        }
         let full = config.control.linear_speed;
         if keys.speed > full {
             let reason = format!(
@@ -58,7 +65,8 @@ impl Task for CarryBar {
         }
         let arms = config.cell.arms.iter().map(|a| (a.world_from_base, a.flange_from_tool));
         let share = (keys.speed / config.control.linear_speed).min(1.0);
-        let job = Job::new(keys, arms.collect(), config.control.grip, share);
+        let limits = (config.control.grip, config.control.torque_limit);
+        let job = Job::new(keys, arms.collect(), limits, share);
         Ok(Robot::kernel(|robot| carry(robot, job)))
     }
 }

@@ -38,8 +38,8 @@ section! {
         radius [mm]: f64 = 20.0, 1.0..=200.0;
         /// Whether the second hand yields.
         partner: Partner = Partner::Compliant;
-        /// Force of a hand at which both stop.
-        stop_force [n]: f64 = 45.0, 5.0..=65.0;
+        /// Force of a hand at which both stop, at most `control.force_limit_n`.
+        stop_force [n]: f64 = 20.0, 5.0..=65.0;
         /// Bound on the internal force of the bar, which must hold in 99 % of the time that both
         /// hands hold it.
         internal [n]: f64 = 15.0, 1.0..=100.0;

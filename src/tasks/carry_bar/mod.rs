@@ -43,9 +43,7 @@ const ABOVE: f64 = 0.1;
 /// Share of the full speed of straight motions without the bar.
 const SPEED: f64 = 0.5;
 /// Part of the bar's width below which the jaws hold nothing.
-const LEAST_WIDTH: f64 = 0.8;
-/// Greatest torque of a hand at which both stop (Nm).
-const STOP_TORQUE: f64 = 12.0;
+const LEAST_WIDTH: f64 = 0.948;
 /// Directions that yield while the jaws close: all displacements, no rotation.
 const PLACES: Selector = [true, true, true, false, false, false];
 /// Directions that yield while both arms recover from a great force.
@@ -63,6 +61,8 @@ struct Job {
     arms: Vec<(Pose, Pose)>,
     /// Grip force (N).
     grip: f64,
+    /// Torque of a hand at which both stop (Nm).
+    stop_torque: f64,
     /// Speed as a share of the full linear speed.
     share: f64,
     /// Poses of the bar: at the start, after the lift, at each point of the way, laid down.
@@ -70,9 +70,14 @@ struct Job {
 }
 
 impl Job {
-    /// Makes the job of a scenario for `arms` with this grip force (N). `share` is the speed of
-    /// the bar as a share of the full one.
-    fn new(keys: Keys, arms: Vec<(Pose, Pose)>, grip: f64, share: f64) -> Self {
+    /// Makes the job of a scenario for `arms`, with the grip force (N) and the torque at which both
+    /// stop (Nm). `share` is the speed of the bar as a share of the full one.
+    fn new(
+        keys: Keys,
+        arms: Vec<(Pose, Pose)>,
+        (grip, stop_torque): (f64, f64),
+        share: f64,
+    ) -> Self {
         let start = upright(Vector3::from(keys.bar_xyz), keys.bar_yaw);
         let up = Vector3::z() * keys.lift;
         let mut poses = vec![start, Pose::from(up) * start];
@@ -82,7 +87,7 @@ impl Job {
         }
         let last = poses[poses.len() - 1];
         poses.push(Pose::from(-up) * last);
-        Self { keys, arms, grip, share, poses }
+        Self { keys, arms, grip, stop_torque, share, poses }
     }
 
     /// Returns the pose of a hand on the bar, `bar_from_tool`. The first hand is at the end to
@@ -172,11 +177,12 @@ async fn along(robot: &Robot, job: &Job) -> Result<(), Hindrance> {
     let relation =
         |arm: usize| arms[arm].desired_base_from_tool.inverse() * job.in_base(arm, &job.poses[0]);
     let tool_from_bar = [relation(0), relation(1)];
-    let mut stops = 0;
+    let (mut stops, mut leg) = (0, 0);
     loop {
         let state = robot.arms();
         let bar = job.arms[0].0 * state[0].desired_base_from_tool * tool_from_bar[0];
-        let rest = rest_of_way(&job.poses, &bar);
+        leg = nearest_leg(&job.poses, leg, &bar);
+        let rest = &job.poses[leg + 1..];
         let mut orders = Vec::new();
         for (arm, tool_from_body) in tool_from_bar.iter().enumerate() {
             let yields = if arm == 1 && job.keys.partner == Partner::Compliant {
@@ -190,7 +196,7 @@ async fn along(robot: &Robot, job: &Job) -> Result<(), Hindrance> {
                 tool_from_body: *tool_from_body,
                 lever: 0.5 * job.keys.span,
                 yields,
-                bound: (job.keys.stop_force, STOP_TORQUE),
+                bound: (job.keys.stop_force, job.stop_torque),
             };
             let order = Carry::<Polyline>::behaviour("carry_polyline", &order);
             orders.push(Some(order.map_err(Hindrance)?));
@@ -214,9 +220,9 @@ async fn along(robot: &Robot, job: &Job) -> Result<(), Hindrance> {
     }
 }
 
-/// Returns the poses that the bar must still reach from its present one: those after the nearest
-/// leg of the way.
-fn rest_of_way<'a>(poses: &'a [Pose], bar: &Pose) -> &'a [Pose] {
+/// Returns the leg of the way that is nearest to the present pose of the bar, from the leg `from`
+/// on: a way that comes back to where it was is not begun again.
+fn nearest_leg(poses: &[Pose], from: usize, bar: &Pose) -> usize {
     let at = bar.translation.vector;
     let distance = |leg: usize| {
         let (from, to) = (poses[leg].translation.vector, poses[leg + 1].translation.vector);
@@ -224,9 +230,8 @@ fn rest_of_way<'a>(poses: &'a [Pose], bar: &Pose) -> &'a [Pose] {
         let share = ((at - from).dot(&way) / way.norm_squared().max(1e-12)).clamp(0.0, 1.0);
         (at - from - way * share).norm()
     };
-    let legs = poses.len() - 1;
-    let nearest = (0..legs).min_by(|a, b| distance(*a).total_cmp(&distance(*b))).unwrap_or(0);
-    &poses[nearest + 1..]
+    let legs = from..poses.len() - 1;
+    legs.min_by(|a, b| distance(*a).total_cmp(&distance(*b))).unwrap_or(from)
 }
 
 /// Checks that the jaws of both hands still hold the bar.
@@ -259,14 +264,15 @@ async fn both(
 mod tests {
     use super::*;
 
-    /// The way goes up, then along x, then down: after the nearest leg the rest of the way follows.
+    /// The way goes up, along x and back, then down beside its beginning.
     #[test]
-    fn way_continues_after_nearest_leg() {
+    fn way_continues_after_nearest_leg_ahead() {
         let at = |x: f64, z: f64| Pose::translation(x, 0.0, z);
-        let poses = [at(0.0, 0.0), at(0.0, 0.1), at(0.2, 0.1), at(0.2, 0.0)];
+        let poses = [at(0.0, 0.0), at(0.0, 0.1), at(0.2, 0.1), at(0.0, 0.1), at(0.0, 0.0)];
 
-        assert_eq!(rest_of_way(&poses, &at(0.0, 0.0)), &poses[1..]);
-        assert_eq!(rest_of_way(&poses, &at(0.1, 0.102)), &poses[2..]);
-        assert_eq!(rest_of_way(&poses, &at(0.201, 0.05)), &poses[3..]);
+        assert_eq!(nearest_leg(&poses, 0, &at(0.0, 0.0)), 0);
+        assert_eq!(nearest_leg(&poses, 0, &at(0.1, 0.102)), 1);
+        assert_eq!(nearest_leg(&poses, 2, &at(0.1, 0.102)), 2);
+        assert_eq!(nearest_leg(&poses, 2, &at(0.001, 0.05)), 3);
     }
 }

@@ -17,6 +17,11 @@ const LIFTED: f64 = 0.8;
 /// Height above its start from which a bar that is let go falls (m); below it is laid down.
 const FALLS: f64 = 0.003;
 
+/// Distance beyond the radius of the corners within which the bar must pass each point (m).
+const PASSES: f64 = 0.01;
+/// Periods between two looks at the way of the bar.
+const LOOK: u64 = 20;
+
 /// Judge of the task.
 #[derive(Debug, Default)]
 pub struct BarCarried {
@@ -24,6 +29,8 @@ pub struct BarCarried {
     start: Option<Vector3<f64>>,
     /// Greatest height above it (m).
     lifted: f64,
+    /// Places of the bar's centre beside its start, each [`LOOK`] periods (m).
+    track: Vec<Vector3<f64>>,
     /// Height above it in the period before (m).
     before: f64,
     /// Number of times that the hands had let the bar go until then, and of its falls.
@@ -33,7 +40,7 @@ pub struct BarCarried {
 impl Verdict for BarCarried {
     type Task = CarryBar;
 
-    fn watch(&mut self, _: u64, plant: &Plant) {
+    fn watch(&mut self, tick: u64, plant: &Plant) {
         let Some(bar) = plant.objects().find(|object| &*object.name == BAR) else { return };
         let place = bar.world_from_object.translation.vector;
         let start = *self.start.get_or_insert(place);
@@ -44,6 +51,9 @@ impl Verdict for BarCarried {
             self.drops.1 += u32::from(self.before > FALLS);
         }
         self.before = height;
+        if tick.is_multiple_of(LOOK) {
+            self.track.push(place - start);
+        }
     }
 
     fn judge(&self, keys: &Keys, truth: &Truth) -> Judgement {
@@ -56,6 +66,15 @@ impl Verdict for BarCarried {
 }
 
 impl BarCarried {
+    /// Returns the number of points of the way that the bar did not pass.
+    fn missed(&self, keys: &Keys) -> usize {
+        let passed = |[x, y]: &&[f64; 2]| {
+            let point = Vector3::new(*x, *y, keys.lift);
+            self.track.iter().any(|place| (place - point).norm() < keys.radius + PASSES)
+        };
+        keys.way.len() - keys.way.iter().filter(passed).count()
+    }
+
     /// Judges the bar at the end. `start` is its place at the beginning (m).
     fn judge_bar(&self, bar: &ObjectTruth, start: &Vector3<f64>, keys: &Keys) -> Judgement {
         let [x, y] = keys.way.last().copied().unwrap_or_default();
@@ -75,6 +94,10 @@ impl BarCarried {
         }
         if self.lifted < LIFTED * keys.lift {
             wrong.push(format!("it was lifted by {:.0} mm", self.lifted * 1e3));
+        }
+        let missed = self.missed(keys);
+        if missed > 0 {
+            wrong.push(format!("it missed {missed} points of its way"));
         }
         if internal.periods == 0 || internal.p99_force >= keys.internal {
             wrong.push(format!("its internal force was {:.1} N", internal.p99_force));

@@ -25,6 +25,8 @@ const ABOVE: f64 = 0.07;
 const NARROWER: f64 = 0.003;
 /// Room that open jaws leave to the end of their stroke (m).
 const STROKE: f64 = 0.001;
+/// Opening of the jaws beyond the width of a part (m).
+const ROOM: f64 = 0.01;
 /// Farthest place of the track at which the arms keep apart (m).
 const FARTHEST: f64 = 1.0;
 /// Time without contact after which the contour is lost (s).
@@ -56,6 +58,17 @@ impl Task for FollowContour {
         let [follower, picker] = config.cell.arms.as_slice() else {
             return Err("two arms are needed".to_owned());
         };
+        for arm in [follower, picker] {
+            let (width, most) = (keys.part_size[1] + ROOM, arm.gripper.opening.1 - STROKE);
+            if width > most {
+                return Err(format!(
+                    "the jaws of {} open to {:.0} mm, and the parts need {:.0} mm",
+                    arm.name,
+                    most * 1e3,
+                    width * 1e3
+                ));
+            }
+        }
         let grip = config.control.grip;
         let orders = Orders { keys, grip };
         Ok(follow_contour(orders.follower(follower)?, orders.picker(picker)?))

@@ -58,7 +58,7 @@ async fn perform(robot: Robot, order: FollowerOrder) -> Result<String, Hindrance
     tell(&robot, signals::TAKEN).await?;
     await_signal(&robot, signals::LAY).await?;
     rise_to(&robot, &order.take, hand.pace).await?;
-    holds(&robot, &hand)?;
+    holds(&robot, &hand).await?;
     lay(&robot, &order.goal, &hand).await?;
     Ok("followed the contour and laid a part down".to_owned())
 }

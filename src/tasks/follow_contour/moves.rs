@@ -34,6 +34,9 @@ const AGAIN: f64 = 1.0;
 const PATIENCE: f64 = 600.0;
 /// Time in which an arm comes to rest (s).
 const SETTLES: f64 = 0.3;
+/// Number of looks at the jaws that must show a part, and the time between two of them (s).
+const LOOKS: u32 = 10;
+const LOOK: f64 = 0.02;
 /// Time in which jaws open to leave a part (s).
 const LEAVE: f64 = 1.0;
 
@@ -143,14 +146,14 @@ async fn approach_and_grasp(robot: &Robot, hand: &Hand) -> Result<bool, Hindranc
 /// Lays the part in the hand down at a spot, and withdraws.
 pub(super) async fn lay(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), Hindrance> {
     go(robot, spot, hand.pace).await?;
-    holds(robot, hand)?;
+    holds(robot, hand).await?;
     line(robot, over(spot, 0.0, spot.down - NEAR), hand.pace).await?;
     settle(robot).await?;
     if touch_down(robot, TOUCH, 2.0 * NEAR).await? == Outcome::NotTouched {
         return Err(Hindrance("there is nothing on which the part could lie".to_owned()));
     }
     // Fingers that have lost the part touch the place as well.
-    holds(robot, hand)?;
+    holds(robot, hand).await?;
     open(robot, hand).await?;
     rise_to(robot, spot, hand.pace).await
 }
@@ -166,13 +169,18 @@ pub(super) async fn touch_down(
     robot.behave(0, Guarded::behaviour("guarded", &order).map_err(Hindrance)?).await
 }
 
-/// Checks that the jaws are as far open as a part is wide.
-pub(super) fn holds(robot: &Robot, hand: &Hand) -> Result<(), Hindrance> {
-    let opening = robot.arms()[0].jaw_opening;
-    if opening >= hand.least {
-        return Ok(());
+/// Checks that the jaws stay as far open as a part is wide. Empty jaws swing about the end of their
+/// stroke, so one look is not enough.
+pub(super) async fn holds(robot: &Robot, hand: &Hand) -> Result<(), Hindrance> {
+    for _ in 0..LOOKS {
+        let opening = robot.arms()[0].jaw_opening;
+        if opening < hand.least {
+            let mm = opening * 1e3;
+            return Err(Hindrance(format!("the part is lost: the jaws are {mm:.1} mm apart")));
+        }
+        pause(robot, LOOK).await?;
     }
-    Err(Hindrance(format!("the part is lost: the jaws are {:.1} mm apart", opening * 1e3)))
+    Ok(())
 }
 
 /// Waits for a signal of MP.

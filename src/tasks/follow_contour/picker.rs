@@ -31,12 +31,12 @@ async fn perform(robot: Robot, order: PickerOrder) -> Result<String, Hindrance> 
     }
     grip(&robot, &order.last, &hand).await?;
     rise_to(&robot, &order.last, hand.pace).await?;
-    holds(&robot, &hand)?;
+    holds(&robot, &hand).await?;
     tell(&robot, signals::HOLDS).await?;
 
     await_signal(&robot, signals::PRESENT).await?;
     go(&robot, &order.present, hand.pace).await?;
-    holds(&robot, &hand)?;
+    holds(&robot, &hand).await?;
     tell(&robot, signals::PRESENTED).await?;
     await_signal(&robot, signals::RELEASE).await?;
     open(&robot, &hand).await?;
