@@ -9,7 +9,7 @@
 //! | case | reaction |
 //! |---|---|
 //! | force beyond `stop_force`, such as a push | both yield for a moment, then go on from there |
-//! | the same, more than [`TRIES`] times | the task fails; both hands hold |
+//! | the same, more than `TRIES` times | the task fails; both hands hold |
 //! | jaws that hold nothing any more | the task fails with the arm's number |
 //!
 //! - in: the believed place of the bar, the way
