@@ -35,6 +35,8 @@ use std::path::PathBuf;
 
 /// Time between two looks at a reading or an input for which a procedure waits (s).
 const LOOK: f64 = 0.02;
+/// Time after which a motion that something stopped begins again (s).
+const AGAIN: f64 = 1.0;
 
 /// Kernel of a task whose procedure acts by a [`Robot`].
 pub type RobotKernel = Procedure<(), (), Board>;
@@ -164,7 +166,7 @@ impl Robot {
                 Err(_) if waited < seconds => {}
                 read => return read,
             }
-            self.look_again().await?;
+            self.pause(LOOK).await?;
             waited += LOOK;
         }
     }
@@ -267,16 +269,15 @@ impl Robot {
         set: bool,
         seconds: f64,
     ) -> Result<bool, Hindrance> {
-        let now = || self.port.state(|board| board.arms.first().map_or(0, |arm| arm.period));
-        let until = now() as f64 * PERIOD + seconds;
+        let until = self.now() + seconds;
         loop {
             match self.input(input) {
                 None => return Err(Hindrance(format!("there is no input {input:?}"))),
                 Some(found) if found == set => return Ok(true),
-                Some(_) if now() as f64 * PERIOD >= until => return Ok(false),
+                Some(_) if self.now() >= until => return Ok(false),
                 Some(_) => {}
             }
-            self.look_again().await?;
+            self.pause(LOOK).await?;
         }
     }
 
@@ -293,6 +294,27 @@ impl Robot {
         let outcomes = self.behave_all(orders, Until::All).await?;
         let outcome = outcomes.into_iter().flatten().next();
         outcome.ok_or_else(|| Hindrance("a motion has ended without an outcome".to_owned()))
+    }
+
+    /// Has one effector carry out a motion through free space. A motion that something stops begins
+    /// again after [`AGAIN`], at most `tries` times in all.
+    ///
+    /// # Errors
+    /// The reason why the last try was stopped.
+    pub async fn insist(
+        &self,
+        effector: usize,
+        motion: Behaviour,
+        tries: u32,
+    ) -> Result<Outcome, Hindrance> {
+        for _ in 1..tries {
+            match self.behave(effector, motion.clone()).await {
+                Err(why) => self.tell(format!("stopped on its way: {why}; it will try again")),
+                outcome => return outcome,
+            }
+            self.pause(AGAIN).await?;
+        }
+        self.behave(effector, motion).await
     }
 
     /// Has the effectors carry out behaviours that begin together, one entry an effector. Returns
@@ -332,6 +354,30 @@ impl Robot {
         self.done(Action::Signal { effector, signal }).await
     }
 
+    /// Returns the time at the last event (s).
+    #[must_use]
+    pub fn now(&self) -> f64 {
+        let period = |board: &mut Board| board.arms.first().map_or(0, |arm| arm.period);
+        self.port.state(period) as f64 * PERIOD
+    }
+
+    /// Waits for `seconds` (s), which also brings new readings. A message that arrives meanwhile is
+    /// kept for [`Robot::receive`].
+    ///
+    /// # Errors
+    /// If the shell could not carry this out.
+    pub async fn pause(&self, seconds: f64) -> Result<(), Hindrance> {
+        let (until, mut left) = (self.now() + seconds, seconds);
+        while let Some(message) = self.next_message(left).await? {
+            self.port.state(|board| board.early.push_back(message));
+            left = until - self.now();
+            if left <= 0.0 {
+                break;
+            }
+        }
+        Ok(())
+    }
+
     /// Waits for the next message, at most for `seconds` (s).
     ///
     /// # Errors
@@ -341,15 +387,6 @@ impl Robot {
             Some(message) => Ok(Some(message)),
             None => self.next_message(seconds).await,
         }
-    }
-
-    /// Waits for a moment: each event brings new readings. A message meanwhile is kept for its own
-    /// receiver.
-    async fn look_again(&self) -> Result<(), Hindrance> {
-        if let Some(message) = self.next_message(LOOK).await? {
-            self.port.state(|board| board.early.push_back(message));
-        }
-        Ok(())
     }
 
     /// Waits for the next message of the shell, at most for `seconds` (s).

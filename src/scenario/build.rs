@@ -135,6 +135,7 @@ fn label(task: &dyn Declaration) -> TaskLabel {
 fn checked(scenario: &Scenario, mut sections: TaskSections, reader: &mut Reader) -> TaskSections {
     let task = scenario.task.declaration();
     check::coordination(task, scenario.controller.coordination, reader);
+    check::effectors_of(task, scenario.controller.cell.arms.len(), reader);
     if let Some(keys) = sections.get_mut(task.section()) {
         task.check(keys.as_mut(), &scenario.controller, reader);
     }

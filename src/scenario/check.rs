@@ -112,6 +112,16 @@ pub(super) fn task(name: &str, catalogue: &Catalogue, reader: &mut Reader) -> Op
     found
 }
 
+/// Checks that the cell has as many effectors as the task needs. `given` is their number.
+pub(super) fn effectors_of(task: &dyn Declaration, given: usize, reader: &mut Reader) {
+    let needed = task.properties().effectors;
+    if given < needed {
+        let name = task.name();
+        let reason = format!("`task`: \"{name}\" needs {needed} effectors, but there are {given}");
+        reader.fault("task", reason);
+    }
+}
+
 /// Checks that the task can be done under the scheme of coordination.
 pub(super) fn coordination(task: &dyn Declaration, given: Coordination, reader: &mut Reader) {
     let possible = task.properties().coordination;

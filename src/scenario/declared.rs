@@ -101,6 +101,8 @@ pub struct Properties {
     /// Whether the arms go from one meeting of the hands to the next, so that the quickest ways
     /// between the meetings are searched before the run.
     pub walks: bool,
+    /// Least number of effectors that the task needs. A task may check more of them itself.
+    pub effectors: usize,
     /// Schemes of coordination under which the task can be done.
     pub coordination: &'static [Coordination],
 }
@@ -112,6 +114,7 @@ impl Properties {
         resumes: false,
         by_hand: false,
         walks: false,
+        effectors: 1,
         coordination: &[Coordination::Sporadic, Coordination::Continuous],
     };
 }

@@ -37,8 +37,9 @@ pub enum Method {
     Edges,
     /// The paper's colour tables, run lengths and filters.
     Paper2007,
-    /// The same, and the paper's square of nine tiles in place of the vote of lattices: the centre
-    /// tile has the most neighbours, the corner tiles have the fewest. The face has no colours.
+    /// Tiles as by [`Method::Paper2007`], and the paper's square of nine tiles in place of the vote
+    /// of lattices: the centre tile has the most neighbours, the corner tiles have the fewest. The
+    /// face has no colours.
     Square2007,
 }
 

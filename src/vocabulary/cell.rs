@@ -64,6 +64,21 @@ pub struct Arm {
     pub start: JointPositions,
 }
 
+impl Arm {
+    /// Checks whether the jaws open to `width` (m), the room that `what` needs.
+    ///
+    /// # Errors
+    /// Both widths in words.
+    pub fn opens_for(&self, what: &str, width: f64) -> Result<(), String> {
+        let (_, most) = self.gripper.opening;
+        if width <= most {
+            return Ok(());
+        }
+        let (name, width, most) = (&self.name, width * 1e3, most * 1e3);
+        Err(format!("the jaws of {name} open to {most:.0} mm, and {what} needs {width:.0} mm"))
+    }
+}
+
 /// Electric two-finger gripper whose palm keeps a distance from the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gripper {

@@ -91,4 +91,9 @@ fn carry_bar_needs_two_arms_and_turns() {
         let faults = refused("carry_bar.toml", set);
         assert!(faults.contains(fault), "{set}: {faults}");
     }
+    let one =
+        "task = \"carry_bar\"\ncoordination = \"continuous\"\n[[effector]]\nname = \"track\"\n";
+    let faults = rubik_robot::tasks::read(Path::new("one.toml"), one, &[]).unwrap_err();
+    let fault = "`task`: \"carry_bar\" needs 2 effectors, but there are 1";
+    assert!(faults.to_string().contains(fault), "{faults}");
 }

@@ -551,7 +551,7 @@ impl PlantArm {
         reading.over_currents = 0;
         reading.power_faults = 0;
         reading.sync_switches = 0;
-        // Nothing sets an input of the simulated interface but the scenario's list of faults.
+        // Only the scenario's list of faults sets an input of the simulated interface.
         reading.inputs = 0;
         reading.encoder_zeros = 0;
         reading.synchronised = 0;

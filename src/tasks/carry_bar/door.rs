@@ -18,12 +18,9 @@ impl Task for CarryBar {
     type Kernel = RobotKernel;
     // Both hands must be at the same place of the way at each moment.
     const PROPERTIES: Properties =
-        Properties { coordination: &[Coordination::Continuous], ..Properties::PLAIN };
+        Properties { effectors: 2, coordination: &[Coordination::Continuous], ..Properties::PLAIN };
 
     fn check(keys: &mut Keys, config: &ControllerConfig, reader: &mut Reader) {
-        if config.cell.arms.len() != 2 {
-            reader.fault("task", "task \"carry_bar\" needs two effectors");
-        }
         if keys.way.is_empty() || keys.way.len() != keys.turns.len() {
             let reason = format!(
                 "`carry_bar.turns_deg`: the way has {} points and {} turns; both need the same \
@@ -54,14 +51,7 @@ impl Task for CarryBar {
     fn kernel(setup: Setup<'_, Self>) -> Result<RobotKernel, String> {
         let (keys, config) = (setup.keys.clone(), setup.config);
         for arm in &config.cell.arms {
-            let (_, most) = arm.gripper.opening;
-            if keys.width + ROOM > most {
-                let (width, most) = ((keys.width + ROOM) * 1e3, most * 1e3);
-                return Err(format!(
-                    "the jaws of {} open to {most:.0} mm, and the bar needs {width:.0} mm",
-                    arm.name
-                ));
-            }
+            arm.opens_for("the bar", keys.width + ROOM)?;
         }
         let arms = config.cell.arms.iter().map(|a| (a.world_from_base, a.flange_from_tool));
         let share = (keys.speed / config.control.linear_speed).min(1.0);

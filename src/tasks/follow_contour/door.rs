@@ -40,16 +40,13 @@ impl Task for FollowContour {
     type Keys = Keys;
     type Kernel = RobotKernel;
     const PROPERTIES: Properties =
-        Properties { coordination: &[Coordination::Sporadic], ..Properties::PLAIN };
+        Properties { effectors: 2, coordination: &[Coordination::Sporadic], ..Properties::PLAIN };
 
-    fn check(keys: &mut Keys, config: &ControllerConfig, reader: &mut Reader) {
+    fn check(keys: &mut Keys, _: &ControllerConfig, reader: &mut Reader) {
         let (parts, goals) = (keys.parts_xyz.len(), keys.goals_xyz.len());
         if parts == 0 || parts != goals {
             let why = format!("`follow_contour.goals_xyz_mm`: {goals} places for {parts} parts");
             reader.fault("follow_contour.goals_xyz_mm", why);
-        }
-        if config.cell.arms.len() != 2 {
-            reader.fault("effector", "the task `follow_contour` needs two arms".to_owned());
         }
     }
 
@@ -59,15 +56,7 @@ impl Task for FollowContour {
             return Err("two arms are needed".to_owned());
         };
         for arm in [follower, picker] {
-            let (width, most) = (keys.part_size[1] + ROOM, arm.gripper.opening.1 - STROKE);
-            if width > most {
-                return Err(format!(
-                    "the jaws of {} open to {:.0} mm, and the parts need {:.0} mm",
-                    arm.name,
-                    most * 1e3,
-                    width * 1e3
-                ));
-            }
+            arm.opens_for("a part", keys.part_size[1] + ROOM + STROKE)?;
         }
         let grip = config.control.grip;
         let orders = Orders { keys, grip };

@@ -6,9 +6,7 @@
 //! An arm that a push lifts off the contour, or stops, comes down again where it is and follows the
 //! rest.
 
-use super::moves::{
-    await_signal, go, grip, holds, lay, pause, rise, rise_to, settle, tell, touch_down,
-};
+use super::moves::{await_signal, go, grip, holds, lay, rise, rise_to, settle, tell, touch_down};
 use super::orders::{FollowerOrder, signals};
 use crate::generators::Outcome;
 use crate::generators::contact::{Contour, ContourOrder, Followed};
@@ -84,7 +82,7 @@ async fn follow(robot: &Robot, whole: &ContourOrder) -> Result<Followed, Hindran
         }
         let why = met.map_or_else(|why| why.to_string(), |outcome| outcome.to_string());
         robot.tell(format!("contour interrupted after {:.0} mm: {why}", sum.length * 1e3));
-        pause(robot, AGAIN).await?;
+        robot.pause(AGAIN).await?;
         rise(robot, LEAVE, PACE).await?;
     }
     Err(Hindrance(format!("the contour was interrupted {TRIES} times")))

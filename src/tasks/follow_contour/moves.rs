@@ -27,9 +27,8 @@ const SLOW: f64 = 0.006;
 const TOUCH: f64 = 3.0;
 /// Places along the jaws at which a part is sought, from the expected one (m).
 const SHIFTS: [f64; 5] = [0.0, 0.015, -0.015, 0.03, -0.03];
-/// Number of tries of a motion in free space, and the time before the next one (s).
+/// Number of tries of a motion in free space.
 const TRIES: u32 = 5;
-const AGAIN: f64 = 1.0;
 /// Longest time to wait for a signal (s).
 const PATIENCE: f64 = 600.0;
 /// Time in which an arm comes to rest (s).
@@ -40,33 +39,15 @@ const LOOK: f64 = 0.02;
 /// Time in which jaws open to leave a part (s).
 const LEAVE: f64 = 1.0;
 
-/// Has the arm carry out a motion in free space. One that something stops is tried again.
-async fn free(robot: &Robot, motion: Behaviour) -> Result<(), Hindrance> {
-    let mut tries = 1;
-    loop {
-        match robot.behave(0, motion.clone()).await {
-            Ok(_) => return Ok(()),
-            Err(why) if tries == TRIES => return Err(why),
-            Err(why) => robot.tell(format!("stopped on its way: {why}; it will try again")),
-        }
-        tries += 1;
-        pause(robot, AGAIN).await?;
-    }
-}
-
-/// Waits for a time (s).
-pub(super) async fn pause(robot: &Robot, seconds: f64) -> Result<(), Hindrance> {
-    robot.receive(seconds).await.map(|_| ())
-}
-
 /// Moves the arm to its place above a spot.
 pub(super) async fn go(robot: &Robot, spot: &Spot, pace: f64) -> Result<(), Hindrance> {
-    free(robot, Behaviour::Joints { target: spot.joints, speed: pace, seconds: 0.0 }).await
+    let motion = Behaviour::Joints { target: spot.joints, speed: pace, seconds: 0.0 };
+    robot.insist(0, motion, TRIES).await.map(|_| ())
 }
 
 /// Moves the tool straight to a pose.
 async fn line(robot: &Robot, target: Pose, pace: f64) -> Result<(), Hindrance> {
-    free(robot, Behaviour::Line { target, speed: pace }).await
+    robot.insist(0, Behaviour::Line { target, speed: pace }, TRIES).await.map(|_| ())
 }
 
 /// Raises the tool by a distance (m).
@@ -98,7 +79,7 @@ pub(super) async fn open(robot: &Robot, hand: &Hand) -> Result<(), Hindrance> {
 
 /// Waits until the arm has come to rest, and sets its force sensor to zero there.
 pub(super) async fn settle(robot: &Robot) -> Result<(), Hindrance> {
-    pause(robot, SETTLES).await?;
+    robot.pause(SETTLES).await?;
     robot.bias(vec![true]).await
 }
 
@@ -178,7 +159,7 @@ pub(super) async fn holds(robot: &Robot, hand: &Hand) -> Result<(), Hindrance> {
             let mm = opening * 1e3;
             return Err(Hindrance(format!("the part is lost: the jaws are {mm:.1} mm apart")));
         }
-        pause(robot, LOOK).await?;
+        robot.pause(LOOK).await?;
     }
     Ok(())
 }

@@ -18,7 +18,6 @@ use crate::generators::Behaviour;
 use crate::kernel::Message;
 use crate::kernel::programme::EcpTask;
 use crate::kernel::robot::{Hindrance, Robot, RobotKernel};
-use crate::motion::JointPositions;
 use serde::{Deserialize, Serialize};
 
 /// Name of the programme.
@@ -27,8 +26,6 @@ pub const ROUNDS: &str = "patrol_rounds";
 const PATIENCE: f64 = 3600.0;
 /// Time for which an arm rests at the end of a round (s).
 const REST: f64 = 0.2;
-/// Time after which an arm that something stopped tries again (s).
-const AGAIN: f64 = 1.0;
 /// Number of tries to reach a stop.
 const TRIES: u32 = 5;
 /// Share of the full speed. The hands pass the place of the hand-over, where the guard allows
@@ -98,24 +95,10 @@ async fn rounds(robot: Robot, order: Order) -> Result<String, Hindrance> {
     let stops = [beside(1, angle), beside(1, -angle), beside(6, angle), start];
     for _ in 0..order.rounds {
         for stop in stops {
-            go(&robot, stop).await?;
+            let motion = Behaviour::Joints { target: stop, speed: SPEED, seconds: 0.0 };
+            robot.insist(0, motion, TRIES).await?;
         }
-        robot.receive(REST).await?;
+        robot.pause(REST).await?;
     }
     Ok(format!("went {} rounds", order.rounds))
-}
-
-/// Goes to a stop. An arm that something stops on its way tries again a few times.
-async fn go(robot: &Robot, target: JointPositions) -> Result<(), Hindrance> {
-    let motion = Behaviour::Joints { target, speed: SPEED, seconds: 0.0 };
-    let mut tries = 1;
-    loop {
-        match robot.behave(0, motion.clone()).await {
-            Ok(_) => return Ok(()),
-            Err(why) if tries == TRIES => return Err(why),
-            Err(why) => robot.tell(format!("stopped on its way: {why}; it will try again")),
-        }
-        tries += 1;
-        robot.receive(AGAIN).await?;
-    }
 }

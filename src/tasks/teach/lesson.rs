@@ -17,7 +17,7 @@ use crate::generators::contact::{Guide, GuideOrder, Guided};
 use crate::generators::own::MotionGenerator as _;
 use crate::generators::paths::{Along, Arc as Circle, JointSpline, Line, Spline};
 use crate::kernel::robot::{Hindrance, Robot, RobotKernel};
-use crate::motion::{JointPositions, PERIOD};
+use crate::motion::JointPositions;
 use crate::spatial::Pose;
 use std::fmt;
 use std::path::PathBuf;
@@ -102,7 +102,7 @@ async fn taught(robot: &Robot, lesson: &Lesson) -> Result<Way, Hindrance> {
     let order = GuideOrder { still: Some(lesson.still), interval: INTERVAL };
     let order = Guide::behaviour("guide", &order).map_err(Hindrance)?;
     robot.tell(format!("lead the arm {name} by hand; {} s of rest end the way", lesson.still));
-    let until = now(robot) + lesson.patience;
+    let until = robot.now() + lesson.patience;
     let records = loop {
         let outcome = robot.behave(*arm, order.clone()).await?;
         let guided: Option<Guided> = outcome.result();
@@ -111,7 +111,7 @@ async fn taught(robot: &Robot, lesson: &Lesson) -> Result<Way, Hindrance> {
         if extent(&records) >= LEAST {
             break records;
         }
-        if now(robot) >= until {
+        if robot.now() >= until {
             return Err(Hindrance(format!("no person led the arm {name} by hand")));
         }
     };
@@ -123,11 +123,6 @@ async fn taught(robot: &Robot, lesson: &Lesson) -> Result<Way, Hindrance> {
         robot.keep(file, text.clone());
     }
     (lesson.geometry.read)(&text).map_err(|why| Hindrance(format!("the taught way: {why}")))
-}
-
-/// Returns the present time (s).
-fn now(robot: &Robot) -> f64 {
-    robot.arms().first().map_or(0, |arm| arm.period) as f64 * PERIOD
 }
 
 /// Returns the records of a guidance.
@@ -155,7 +150,7 @@ async fn play(robot: &Robot, lesson: &Lesson, way: &Way) -> Result<(), Hindrance
             Err(why) => robot.tell(format!("stopped in playback: {why}; it will try again")),
         }
         tries += 1;
-        robot.receive(AGAIN).await?;
+        robot.pause(AGAIN).await?;
     }
     robot.report("tries", tries);
     Ok(())

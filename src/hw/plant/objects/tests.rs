@@ -58,7 +58,7 @@ impl Bench {
     /// Makes tools of which the first, or both, have closed on the first of the objects.
     fn closed(specs: &[ObjectConfig], both: bool) -> Self {
         let mut bench = Self::new(specs, [None; 2]);
-        // Nothing carries the object until the pads close, so it gets its weight afterwards.
+        // No hand carries the object until the pads close, so it gets its weight afterwards.
         let body = &mut bench.objects.bodies[0].0;
         (body.state, body.spec.mass) = (ObjectState::Resting, 1e-4);
         if !both {
