@@ -165,3 +165,50 @@ impl Vsp {
         self.latest.send_replace(Some(SensorReading { period, valid, value }));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::actors::clock::Clock;
+    use crate::actors::control::Control;
+    use crate::actors::trace::Trace;
+    use crate::record::run_hash::RunHash;
+    use std::sync::Arc;
+
+    /// Kernel that has a reading from its third measurement on.
+    struct Third(u32);
+
+    impl SensorKernel for Third {
+        fn measure(&mut self, _: u64, _: &[ArmState]) -> Result<Value, String> {
+            self.0 += 1;
+            if self.0 > 2 { Ok(Value::from(self.0)) } else { Err("dark".to_owned()) }
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn readings_come_regularly_and_absence_is_reported_once() {
+        let (_will, control) = watch::channel(Control::Running);
+        let (trace, mut notices) = Trace::bare(RunHash::default());
+        let clock = Clock::new(tokio::time::Instant::now(), Arc::default());
+        let services = Services::bare(clock, control, trace);
+        let kernel = Box::new(Third(0));
+        let handle = spawn("eye", Parts { kernel, periods: 10, states: Vec::new(), services });
+        let mut latest = handle.latest.clone();
+        let mut found = Vec::new();
+        while found.len() < 4 {
+            latest.changed().await.unwrap();
+            found.push(latest.borrow_and_update().clone().unwrap());
+        }
+
+        let periods: Vec<u64> = found.iter().map(|reading| reading.period).collect();
+        assert_eq!(periods, [10, 20, 30, 40]);
+        assert!(found.iter().all(|reading| reading.valid == 30), "{found:?}");
+        assert_eq!(found[1].value, Err("dark".to_owned()));
+        assert_eq!(readings(&[handle]).get::<u32>("eye", 40), Ok(4));
+        let mut told = Vec::new();
+        while let Ok(notice) = notices.try_recv() {
+            told.push(matches!(notice, Notice::Error(..)));
+        }
+        assert_eq!(told, [true, false], "once that there is none, once that they come again");
+    }
+}

@@ -418,3 +418,70 @@ fn unexpected(event: &Event<()>) -> Hindrance {
 fn value(of: impl Serialize) -> Value {
     serde_json::to_value(of).unwrap_or_else(|why| Value::String(why.to_string()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::Kernel as _;
+    use crate::motion::JointPositions;
+
+    /// Gives the kernel an event at this period, and returns its action.
+    fn next(kernel: &mut RobotKernel, period: u64, event: Event<()>) -> Action<()> {
+        let arms = [ArmState { period, ..ArmState::default() }];
+        let (forces, sensors) = (Forces::default(), SensorReadings::default());
+        kernel.next(event, &Readings { arms: &arms, forces: &forces, sensors: &sensors })
+    }
+
+    /// Returns the end with this reason.
+    fn end(achieved: bool, reason: &str) -> Action<()> {
+        Action::Finish(Finish { achieved, reason: reason.to_owned() })
+    }
+
+    /// A message shortens no pause, and waits for its receiver.
+    #[test]
+    fn pause_keeps_message_for_its_receiver() {
+        let mut kernel = Robot::kernel(|robot| async move {
+            robot.pause(1.0).await?;
+            match robot.receive(9.0).await? {
+                Some(Message::Signal { signal, .. }) => Ok(signal.name),
+                other => Err(Hindrance(format!("{other:?}"))),
+            }
+        });
+
+        assert_eq!(next(&mut kernel, 0, Event::Start), Action::Receive(1.0));
+        let message = Message::Signal { effector: 0, signal: Signal::new("go") };
+        let rest = next(&mut kernel, 100, Event::Received(Some(message)));
+        assert!(matches!(rest, Action::Receive(left) if (left - 0.8).abs() < 1e-9), "{rest:?}");
+        assert_eq!(next(&mut kernel, 500, Event::Received(None)), end(true, "go"));
+    }
+
+    #[test]
+    fn stopped_motion_begins_again_until_tries_end() {
+        let target = JointPositions::default();
+        let motion = Behaviour::Joints { target, speed: 0.5, seconds: 0.0 };
+        let stopped = || Event::Behaved(vec![Some(Outcome::OverForce(2, 30.0))]);
+        let begin = |kernel: &mut RobotKernel| {
+            assert!(matches!(next(kernel, 0, Event::Start), Action::Behave { .. }));
+            assert_eq!(next(kernel, 0, stopped()), Action::Receive(AGAIN));
+            assert!(kernel.notes()[0].ends_with("it will try again"));
+            assert!(matches!(next(kernel, 500, Event::Received(None)), Action::Behave { .. }));
+        };
+        let tries_twice = || {
+            let motion = motion.clone();
+            Robot::kernel(|robot| async move {
+                robot.insist(0, motion, 2).await.map(|outcome| format!("{outcome:?}"))
+            })
+        };
+
+        let mut kernel = tries_twice();
+        begin(&mut kernel);
+        let reached = Event::Behaved(vec![Some(Outcome::Reached)]);
+        assert_eq!(next(&mut kernel, 600, reached), end(true, "Reached"));
+        let mut kernel = tries_twice();
+        begin(&mut kernel);
+        assert_eq!(
+            next(&mut kernel, 600, stopped()),
+            end(false, &Outcome::OverForce(2, 30.0).to_string())
+        );
+    }
+}

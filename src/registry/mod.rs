@@ -108,3 +108,65 @@ impl Registry {
         catalogue
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hw::scene::Scene;
+    use crate::motion::ArmState;
+
+    crate::section! {
+        /// Keys of the sensors of the test.
+        Keys {
+            /// Unused.
+            size [mm]: f64 = 1.0, 0.0..=2.0;
+        }
+    }
+
+    /// Sensor whose type has a number.
+    struct Numbered<const N: usize>;
+
+    impl<const N: usize> Sensor for Numbered<N> {
+        type Keys = Keys;
+        type Measurement = ();
+        type Reading = ();
+
+        fn new(_: &Keys) -> Result<Self, String> {
+            Ok(Self)
+        }
+
+        fn device(_: &Keys) -> Result<Box<dyn Device<()>>, String> {
+            Ok(Box::new(NoDevice))
+        }
+
+        fn reading(&mut self, (): (), _: &[ArmState]) -> Result<(), String> {
+            Ok(())
+        }
+    }
+
+    /// Model of the device of the first sensor.
+    struct Model;
+
+    impl DeviceModel for Model {
+        type Sensor = Numbered<1>;
+
+        fn new(_: &Keys, _: u64) -> Self {
+            Self
+        }
+
+        fn measure(&mut self, _: &Scene) -> Result<(), String> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn model_belongs_to_sensor_of_its_type() {
+        let registry =
+            Registry::default().sensor::<Numbered<1>>("one").sensor::<Numbered<2>>("two");
+        let registry = registry.simulated::<Model>();
+
+        let texts: Vec<String> = registry.sensors.iter().map(|s| format!("{s:?}")).collect();
+        assert!(texts[0].contains("simulated: true"), "{texts:?}");
+        assert!(texts[1].contains("simulated: false"), "{texts:?}");
+    }
+}

@@ -772,6 +772,21 @@ mod tests {
         assert!(!orders(meeting.track, [Some(to(meeting.track_back)), None]));
     }
 
+    /// Both hands are at a shared grasp, where the order of MP alone would let them touch.
+    #[tokio::test(start_paused = true)]
+    async fn hand_of_programme_stays_apart_at_shared_grasp() {
+        let (meeting, along) = meeting();
+        for running in [vec![], vec![1]] {
+            let programmes = !running.is_empty();
+            let mut mp = standing(guard(), [arm(along(0.0)), arm(meeting.postument)]);
+            mp.programmes.running = running;
+
+            mp.guard_orders(&mut [None, None], &[None, None]).unwrap();
+
+            assert_eq!(format!("{:?}", mp.parts.apart), format!("Apart({programmes})"));
+        }
+    }
+
     /// While the operator turns a motor by hand, hands that are apart must stay apart.
     #[tokio::test(start_paused = true)]
     async fn manual_motor_jog_requires_hands_to_stay_apart() {

@@ -82,6 +82,7 @@ mod tests {
     use super::super::super::outcome::{Next, Outcome};
     use super::super::super::testing::{compliance, speeds};
     use super::super::super::{Behaviour, Inputs};
+    use super::super::Touch;
     use super::*;
     use crate::motion::{ArmState, Direction, Motion};
 
@@ -141,6 +142,7 @@ mod tests {
     #[test]
     fn pace_and_fraction_slow_velocities_down() {
         let mut along = begin(&OwnOrder { fraction: 0.5, ..order(0.8) }).unwrap();
+        assert_eq!(along.touch(), Touch::Free, "a generator that says nothing about contact");
         let arm = ArmState::default();
         let mut next = |pace| along.next(&Inputs { arm: &arm, target: None, period: 0, pace }).0;
         let velocity = |next: &Next| match next {

@@ -121,3 +121,23 @@ impl BarCarried {
             .with("carried_s", internal.periods as f64 * crate::motion::PERIOD)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The way has two points 100 mm apart, 100 mm above the start.
+    #[test]
+    fn bar_must_pass_each_point_of_way() {
+        let way = vec![[0.1, 0.0], [0.2, 0.0]];
+        let keys = Keys { way, lift: 0.1, radius: 0.02, ..Keys::default() };
+        let missed = |track: &[[f64; 3]]| {
+            let track = track.iter().map(|place| Vector3::from(*place)).collect();
+            BarCarried { track, ..BarCarried::default() }.missed(&keys)
+        };
+
+        assert_eq!(missed(&[[0.1, 0.02, 0.1], [0.2, 0.0, 0.1]]), 0);
+        assert_eq!(missed(&[[0.1, 0.0, 0.1]]), 1);
+        assert_eq!(missed(&[[0.1, 0.0, 0.0], [0.2, 0.0, 0.0]]), 2, "never lifted");
+    }
+}
