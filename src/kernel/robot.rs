@@ -297,7 +297,7 @@ impl Robot {
     }
 
     /// Has one effector carry out a motion through free space. A motion that something stops begins
-    /// again after [`AGAIN`], at most `tries` times in all.
+    /// again after a pause, at most `tries` times in all.
     ///
     /// # Errors
     /// The reason why the last try was stopped.

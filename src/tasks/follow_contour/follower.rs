@@ -6,7 +6,9 @@
 //! An arm that a push lifts off the contour, or stops, comes down again where it is and follows the
 //! rest.
 
-use super::moves::{await_signal, go, grip, holds, lay, rise, rise_to, settle, tell, touch_down};
+use super::moves::{
+    SLOW, await_signal, go, grip, holds, lay, rise, rise_to, settle, tell, touch_down,
+};
 use super::orders::{FollowerOrder, signals};
 use crate::generators::Outcome;
 use crate::generators::contact::{Contour, ContourOrder, Followed};
@@ -91,7 +93,7 @@ async fn follow(robot: &Robot, whole: &ContourOrder) -> Result<Followed, Hindran
 /// Moves down to the contour and follows it.
 async fn piece(robot: &Robot, order: &ContourOrder) -> Result<Outcome, Hindrance> {
     settle(robot).await?;
-    if touch_down(robot, TOUCH * order.force, REACH).await? == Outcome::NotTouched {
+    if touch_down(robot, (SLOW, TOUCH * order.force), REACH).await? == Outcome::NotTouched {
         return Err(Hindrance("there is no contour below the probe".to_owned()));
     }
     robot.behave(0, Contour::behaviour("contour", order).map_err(Hindrance)?).await

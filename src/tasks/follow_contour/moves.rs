@@ -6,7 +6,8 @@
 //! | case | threshold | reason |
 //! |---|---|---|
 //! | height of a place | `NEAR` above and below | errors of the bases |
-//! | part not between the jaws | `SHIFTS` along the jaws, one after another | the same |
+//! | finger on a part, or no part between the jaws | `SHIFTS` along the jaws, in turn | the same |
+//! | zero of the force sensor | set in free space, above the place | a contact would falsify it |
 //! | motion that a force stops | again, `TRIES` times | a push passes |
 
 use super::orders::{Hand, Spot};
@@ -21,8 +22,10 @@ use nalgebra::Vector3;
 
 /// Distance from an expected contact at which a slow motion begins (m).
 const NEAR: f64 = 0.03;
+/// Speed of the way down until near a place, where a finger may meet a part (m/s).
+const LOWER: f64 = 0.03;
 /// Speed of motions that end at a contact (m/s).
-const SLOW: f64 = 0.006;
+pub(super) const SLOW: f64 = 0.006;
 /// Force that ends the motion onto a part, and with a part onto its goal (N).
 const TOUCH: f64 = 3.0;
 /// Places along the jaws at which a part is sought, from the expected one (m).
@@ -63,10 +66,10 @@ pub(super) async fn rise_to(robot: &Robot, spot: &Spot, pace: f64) -> Result<(),
     rise(robot, spot.above.translation.z - height, pace).await
 }
 
-/// Returns the pose above a spot, shifted along the jaws and moved down (m).
-fn over(spot: &Spot, shift: f64, down: f64) -> Pose {
+/// Returns the pose above a spot, shifted along the jaws (m).
+fn over(spot: &Spot, shift: f64) -> Pose {
     let mut pose = spot.above;
-    pose.translation.vector += pose.rotation * Vector3::new(0.0, shift, down);
+    pose.translation.vector += pose.rotation * Vector3::new(0.0, shift, 0.0);
     pose
 }
 
@@ -90,22 +93,26 @@ pub(super) async fn grip(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), 
     go(robot, spot, hand.pace).await?;
     for shift in SHIFTS {
         if shift != 0.0 {
-            line(robot, over(spot, shift, 0.0), hand.pace).await?;
+            line(robot, over(spot, shift), hand.pace).await?;
         }
-        line(robot, over(spot, shift, spot.down - NEAR), hand.pace).await?;
-        settle(robot).await?;
-        if approach_and_grasp(robot, hand).await? {
+        if lower(robot, spot).await? == Outcome::NotTouched && grasp(robot, hand).await? {
             return Ok(());
         }
-        robot.tell(format!("no part {:.0} mm beside its place", shift * 1e3));
+        robot.tell(format!("no part between the jaws, {:.0} mm beside its place", shift * 1e3));
         open(robot, hand).await?;
         rise_to(robot, spot, hand.pace).await?;
     }
     Err(Hindrance("there is no part at its place".to_owned()))
 }
 
+/// Lowers a hand that is above a spot until it is near the place, or meets something.
+async fn lower(robot: &Robot, spot: &Spot) -> Result<Outcome, Hindrance> {
+    settle(robot).await?;
+    touch_down(robot, (LOWER, TOUCH), spot.down - NEAR).await
+}
+
 /// Moves down to a part and closes the jaws. Returns whether they hold something.
-async fn approach_and_grasp(robot: &Robot, hand: &Hand) -> Result<bool, Hindrance> {
+async fn grasp(robot: &Robot, hand: &Hand) -> Result<bool, Hindrance> {
     let approach = Behaviour::Approach {
         speed: SLOW,
         distance: 2.0 * NEAR,
@@ -128,9 +135,9 @@ async fn approach_and_grasp(robot: &Robot, hand: &Hand) -> Result<bool, Hindranc
 pub(super) async fn lay(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), Hindrance> {
     go(robot, spot, hand.pace).await?;
     holds(robot, hand).await?;
-    line(robot, over(spot, 0.0, spot.down - NEAR), hand.pace).await?;
-    settle(robot).await?;
-    if touch_down(robot, TOUCH, 2.0 * NEAR).await? == Outcome::NotTouched {
+    let met = lower(robot, spot).await? != Outcome::NotTouched;
+    let touches = touch_down(robot, (SLOW, TOUCH), 2.0 * NEAR);
+    if !met && touches.await? == Outcome::NotTouched {
         return Err(Hindrance("there is nothing on which the part could lie".to_owned()));
     }
     // Fingers that have lost the part touch the place as well.
@@ -139,14 +146,14 @@ pub(super) async fn lay(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), H
     rise_to(robot, spot, hand.pace).await
 }
 
-/// Moves the tool down until it meets a force (N), at most for a distance (m).
+/// Moves the tool down at a speed (m/s) until it meets a force (N), at most for a distance (m).
 pub(super) async fn touch_down(
     robot: &Robot,
-    force: f64,
+    (speed, force): (f64, f64),
     distance: f64,
 ) -> Result<Outcome, Hindrance> {
     let (frame, direction) = (Frame::Base, -Vector3::z());
-    let order = GuardedOrder { frame, direction, speed: SLOW, force, distance };
+    let order = GuardedOrder { frame, direction, speed, force, distance };
     robot.behave(0, Guarded::behaviour("guarded", &order).map_err(Hindrance)?).await
 }
 
