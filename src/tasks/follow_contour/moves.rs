@@ -23,7 +23,7 @@ use nalgebra::Vector3;
 /// Distance from an expected contact at which a slow motion begins (m).
 const NEAR: f64 = 0.03;
 /// Speed of the way down until near a place, where a finger may meet a part (m/s).
-const LOWER: f64 = 0.03;
+const LOWER: f64 = 0.015;
 /// Speed of motions that end at a contact (m/s).
 pub(super) const SLOW: f64 = 0.006;
 /// Force that ends the motion onto a part, and with a part onto its goal (N).
@@ -95,7 +95,8 @@ pub(super) async fn grip(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), 
         if shift != 0.0 {
             line(robot, over(spot, shift), hand.pace).await?;
         }
-        if lower(robot, spot).await? == Outcome::NotTouched && grasp(robot, hand).await? {
+        // Whether a finger or the palm is on the part shows when the jaws close.
+        if touch(robot, spot).await? && grasp(robot, hand).await? {
             return Ok(());
         }
         robot.tell(format!("no part between the jaws, {:.0} mm beside its place", shift * 1e3));
@@ -105,39 +106,45 @@ pub(super) async fn grip(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), 
     Err(Hindrance("there is no part at its place".to_owned()))
 }
 
-/// Lowers a hand that is above a spot until it is near the place, or meets something.
-async fn lower(robot: &Robot, spot: &Spot) -> Result<Outcome, Hindrance> {
+/// Lowers a hand that is above a spot until it, or the part in it, touches something. Returns
+/// whether it does.
+async fn touch(robot: &Robot, spot: &Spot) -> Result<bool, Hindrance> {
     settle(robot).await?;
-    touch_down(robot, (LOWER, TOUCH), spot.down - NEAR).await
+    let met = touch_down(robot, (LOWER, TOUCH), spot.down - NEAR).await?;
+    if met != Outcome::NotTouched {
+        return Ok(true);
+    }
+    Ok(touch_down(robot, (SLOW, TOUCH), 2.0 * NEAR).await? != Outcome::NotTouched)
 }
 
-/// Moves down to a part and closes the jaws. Returns whether they hold something.
+/// Closes the jaws, again if a strain between both hands stops them. Returns whether they hold
+/// something.
 async fn grasp(robot: &Robot, hand: &Hand) -> Result<bool, Hindrance> {
-    let approach = Behaviour::Approach {
-        speed: SLOW,
-        distance: 2.0 * NEAR,
-        force: TOUCH,
-        selector: [false; 6],
-    };
-    if !matches!(robot.behave(0, approach).await, Ok(Outcome::Touched(_))) {
-        return Ok(false);
-    }
     let grasp = Behaviour::Grasp {
         force: hand.grip,
         least_width: hand.least,
         selector: [true; 6],
         stops: Depth::One,
     };
-    Ok(matches!(robot.behave(0, grasp).await, Ok(Outcome::Grasped(_))))
+    for _ in 0..TRIES {
+        match robot.behave(0, grasp.clone()).await {
+            Ok(Outcome::Grasped(_)) => return Ok(true),
+            Ok(outcome) => {
+                robot.tell(format!("{outcome}"));
+                return Ok(false);
+            }
+            Err(why) => robot.tell(format!("the jaws were stopped: {why}")),
+        }
+        robot.pause(SETTLES).await?;
+    }
+    Ok(false)
 }
 
 /// Lays the part in the hand down at a spot, and withdraws.
 pub(super) async fn lay(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), Hindrance> {
     go(robot, spot, hand.pace).await?;
     holds(robot, hand).await?;
-    let met = lower(robot, spot).await? != Outcome::NotTouched;
-    let touches = touch_down(robot, (SLOW, TOUCH), 2.0 * NEAR);
-    if !met && touches.await? == Outcome::NotTouched {
+    if !touch(robot, spot).await? {
         return Err(Hindrance("there is nothing on which the part could lie".to_owned()));
     }
     // Fingers that have lost the part touch the place as well.
