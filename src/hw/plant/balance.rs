@@ -284,6 +284,7 @@ impl Balance {
             match rounds.judge(system.imbalance(bodies)) {
                 Round::Ends => return load.bearing,
                 Round::Halves => rounds.halve(&mut self.nodes[..bodies]),
+                Round::Returns => rounds.go_back(&mut self.nodes[..bodies]),
                 Round::Steps => {
                     self.stiffen(&mut system, &load, grasps, &around.tools);
                     rounds.go(&mut self.nodes, system.solve(bodies), bodies);
@@ -569,6 +570,8 @@ pub(super) enum Round {
     Ends,
     /// The last step was too long.
     Halves,
+    /// The last step was too long, and no round is left: its start is the best balance found.
+    Returns,
     /// A new step is due.
     Steps,
 }
@@ -584,6 +587,8 @@ pub(super) struct Rounds {
     step: Option<Step>,
     /// Imbalance of this round (tolerances).
     left: f64,
+    /// Whether the bodies are back at the start of the last step.
+    returned: bool,
 }
 
 impl Rounds {
@@ -602,8 +607,12 @@ impl Rounds {
         let overshot = round > ROUNDS && left > OVERSHOT * before;
         let stalls = round > ROUNDS && left > 0.97 * before && !overshot;
         self.stalled = if stalls { self.stalled + 1 } else { 0 };
-        if left < enough || round == MOST_ROUNDS || self.stalled == STALLED {
+        if left < enough || self.returned || self.stalled == STALLED {
             return Round::Ends;
+        }
+        if round == MOST_ROUNDS {
+            self.returned = overshot;
+            return if overshot { Round::Returns } else { Round::Ends };
         }
         self.left = left;
         self.round += 1;
@@ -616,6 +625,13 @@ impl Rounds {
         if let Some(step) = &mut self.step {
             step.moves = step.moves.map(|m| 0.5 * m);
             step.go(nodes);
+        }
+    }
+
+    /// Moves the bodies back to the start of the last step.
+    pub(super) fn go_back(&self, nodes: &mut [Frame]) {
+        if let Some(step) = &self.step {
+            nodes.copy_from_slice(&step.from[..nodes.len()]);
         }
     }
 
@@ -799,5 +815,21 @@ mod tests {
             assert_eq!(system.residual, empty.residual);
             assert_eq!(system.stiffness, empty.stiffness);
         }
+    }
+
+    #[test]
+    fn last_round_that_overshoots_is_undone() {
+        let (mut rounds, mut nodes) = (Rounds::default(), [Frame::IDENTITY; 2]);
+        let step = [Vector6::new(1e-3, 0.0, 0.0, 0.0, 0.0, 0.0), Vector6::zeros()];
+        for i in 0..MOST_ROUNDS {
+            assert!(matches!(rounds.judge(0.9_f64.powf(i as f64) * 1e4), Round::Steps));
+            rounds.go(&mut nodes, step, 1);
+        }
+        let last = nodes[0].p.x;
+
+        assert!(matches!(rounds.judge(1e6), Round::Returns));
+        rounds.go_back(&mut nodes[..1]);
+        assert!((nodes[0].p.x - (last - 1e-3)).abs() < 1e-12, "{}", nodes[0].p.x);
+        assert!(matches!(rounds.judge(1e6), Round::Ends));
     }
 }

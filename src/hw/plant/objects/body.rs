@@ -229,6 +229,7 @@ impl Body {
             match rounds.judge(system.imbalance(1)) {
                 Round::Ends => break bearing,
                 Round::Halves => rounds.halve(std::slice::from_mut(&mut self.frame)),
+                Round::Returns => rounds.go_back(std::slice::from_mut(&mut self.frame)),
                 Round::Steps => {
                     self.stiffen(&mut system, tools, bearing.as_ref());
                     let mut nodes = [self.frame, Frame::IDENTITY];
