@@ -176,6 +176,7 @@ fn actors_of(name: &str, link: ServoLink, services: &Services) -> (EdpHandle, Ec
         sensors: Vec::new(),
         programmes: programmes(),
         manner: manner(),
+        surroundings: None,
         services: services.clone(),
     };
     (edp, ecp::spawn(name, parts))

@@ -10,6 +10,7 @@ use super::servos::Servos;
 use super::settings;
 use super::world::Sources;
 use crate::actors::control::permission_soon;
+use crate::actors::ecp::Surroundings;
 use crate::actors::edp::EdpHandle;
 use crate::actors::homing::{self, wait_for_homing};
 use crate::actors::lookout::{self, Apart};
@@ -256,6 +257,11 @@ pub(super) async fn start_actors(
                 sensors: sensors.own_of(Owner::Ecp(index)),
                 manner: manners[index].clone(),
                 programmes: config.programmes.clone(),
+                surroundings: Some(Surroundings {
+                    effector: index,
+                    guard: guard.clone(),
+                    states: edps.iter().map(EdpHandle::watch).collect(),
+                }),
                 services: services.under(faults.ecps.get(index)),
             };
             ecp::spawn(&arm.name, parts)

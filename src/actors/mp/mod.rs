@@ -8,16 +8,16 @@
 //!
 //! - `motions`: both schemes
 //! - `programmes`: programmes of ECPs, which run beside the kernel of MP; `under_way` is their list
-//! - `ways`: the checks of a motion before it begins
 //! - `dialogue`: questions to the operator, and orders by hand
 //! - `jog`: the generator that turns one motor by hand
+//!
+//! The checks of a motion before it begins are those of `actors/ways`.
 
 mod dialogue;
 mod jog;
 mod motions;
 mod programmes;
 mod under_way;
-mod ways;
 
 use super::control::{Control, Terminated, permission_soon};
 use super::ecp::EcpHandle;
@@ -29,6 +29,7 @@ use super::sensor::{SensorHandle, readings};
 use super::services::Services;
 use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision, Watchdog};
+use super::ways::{self, Known};
 use super::work::SEARCH;
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::generators::Behaviour;
@@ -47,7 +48,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 use tokio::sync::{mpsc, watch};
 use under_way::Programmes;
-use ways::Known;
 
 /// Scheme of coordination: the actor that runs the generators.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -170,7 +170,7 @@ pub struct Mp {
     fault: Arc<ActorFault>,
     heartbeat: Heartbeat,
     programmes: Programmes,
-    /// Tool frame of the cell in the present one of each effector, where a task has changed it.
+    /// Tool frame in force of each effector (`flange_from_tool`), where a task has changed it.
     tools: Vec<Option<Pose>>,
 }
 
@@ -216,12 +216,10 @@ impl Mp {
         })
     }
 
-    /// Returns the guard that checks paths, with the present openings of the jaws, from which it
-    /// concludes which hands hold a cube. Returns `None` for a run without a cell.
+    /// Returns the guard that checks paths, with the present openings of the jaws. Returns `None`
+    /// for a run without a cell.
     fn guard(&self) -> Option<Guard> {
-        let mut guard = self.parts.guard.clone()?;
-        guard.holding(self.known().map(|arm| arm.map(|arm| arm.jaw_opening)));
-        Some(guard)
+        Some(ways::present(self.parts.guard.as_ref()?, self.known()))
     }
 
     /// Checks the ordered paths against the believed cell, and slows down those that are too fast
@@ -232,12 +230,15 @@ impl Mp {
         forecasts: &ways::Forecasts,
     ) -> Result<(), Near> {
         let Some(guard) = self.guard() else { return Ok(()) };
-        let known = Known { arms: self.known(), tools: &self.tools };
-        let apart = ways::check_paths(&guard, known, orders, forecasts)?;
+        let known = Known {
+            arms: self.known(),
+            tools: [0, 1].map(|i| self.tools.get(i).copied().flatten()),
+            manners: [0, 1].map(|i| self.parts.manners.get(i)),
+        };
+        let apart = ways::admit(&guard, known, orders, forecasts)?;
         // Before the motion begins, so that the lookout judges all of it by the right rule. The
         // hand of a programme must stay apart from every other one.
         self.parts.apart.set(apart || !self.programmes.running.is_empty());
-        ways::slow_down(&guard, known, &self.parts.manners, orders, forecasts);
         Ok(())
     }
 
@@ -250,13 +251,10 @@ impl Mp {
         let mut forecasts = [None, None];
         for (effector, order) in orders.iter().enumerate() {
             let known = self.parts.manners.get(effector).zip(self.arms.get(effector));
-            let (Some(Behaviour::Own(own)), Some((manner, arm))) = (order, known) else { continue };
-            let forecast = manner
-                .library
-                .forecast(own, &manner.site(arm))
-                .map_err(|why| refused(NonFatal::Arguments(why)))?;
+            let (Some(order), Some((manner, arm))) = (order, known) else { continue };
+            let forecast = ways::forecast(order, manner, arm).map_err(refused)?;
             if let Some(place) = forecasts.get_mut(effector) {
-                *place = forecast.map(Arc::new);
+                *place = forecast;
             }
         }
         Ok(forecasts)
@@ -558,10 +556,7 @@ impl Mp {
             adjusted => adjusted?,
         };
         if let Adjustment::Tool(flange_from_tool) = adjustment {
-            // Paths are checked for the tool of the cell, whose body does not change with a frame.
-            let believed =
-                self.parts.guard.as_ref().and_then(|guard| guard.flange_from_tool(effector));
-            self.tools[effector] = believed.map(|cell| flange_from_tool.inverse() * cell);
+            self.tools[effector] = Some(flange_from_tool);
         }
         self.refresh().await
     }
@@ -700,6 +695,7 @@ mod tests {
             sensors: Vec::new(),
             programmes: Programmes::default(),
             manner: manner(),
+            surroundings: None,
             services: services.clone(),
         };
         let ecps = vec![ecp::spawn("track", parts)];
