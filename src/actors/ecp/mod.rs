@@ -14,7 +14,7 @@ mod outbox;
 mod programme;
 mod surroundings;
 
-pub use outbox::Outbox;
+pub use outbox::{Outbox, Report};
 pub use surroundings::Surroundings;
 
 use super::control::permission_soon;

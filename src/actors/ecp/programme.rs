@@ -2,7 +2,8 @@
 //! effector.
 //!
 //! - in: the actions of the kernel, signals of MP
-//! - out: events for the kernel; signals and the end of the programme for MP
+//! - out: events for the kernel; signals and the end of the programme for MP, each with the tool
+//!   frame in force
 //!
 //! A motion whose path is not free is refused, and one that is too fast near the operator gets more
 //! time, by the same checks as the motions that MP orders (`surroundings`).
@@ -73,7 +74,7 @@ impl Ecp {
             }
         };
         self.parts.services.trace.message(&self.name, "mp", &finish);
-        to_mp.send(Message::Ended { effector: to_mp.effector, finish });
+        to_mp.send(Message::Ended { effector: to_mp.effector, finish }, self.tool);
     }
 
     /// Asks the kernel for actions and carries them out until it finishes.
@@ -124,7 +125,7 @@ impl Ecp {
             }
             Action::Signal { signal, .. } => {
                 self.parts.services.trace.message(&self.name, "mp", &signal);
-                to_mp.send(Message::Signal { effector: to_mp.effector, signal });
+                to_mp.send(Message::Signal { effector: to_mp.effector, signal }, self.tool);
                 Ok(Event::Done)
             }
             Action::Receive(seconds) => return self.receive(seconds).await,

@@ -662,14 +662,17 @@ mod tests {
     use super::super::trace::Trace;
     use super::super::{ecp, edp};
     use super::*;
+    use crate::actors::ecp::Report;
     use crate::generators::own::MotionGenerator as _;
     use crate::generators::paths::{Along, JointPolyline};
     use crate::hw::driver::{self, Switches};
+    use crate::kernel::Message;
     use crate::kernel::programme::Programmes;
     use crate::motion::JointPositions;
     use crate::reach::guard::PlannedMotion;
     use crate::reach::{Meeting, MeetingTable, ReachSettings, example_cell};
     use crate::record::run_hash::RunHash;
+    use nalgebra::Vector3;
 
     /// Returns the parameters of generators whose full speed along the track is too fast for the
     /// zone of the operator's hand.
@@ -781,6 +784,35 @@ mod tests {
 
             assert_eq!(format!("{:?}", mp.parts.apart), format!("Apart({programmes})"));
         }
+    }
+
+    /// A programme has left a tool point 0.6 m below that of the cell, and the point stays where it
+    /// is. The tool of the cell would go 0.6 m down for that, into the table.
+    #[tokio::test(start_paused = true)]
+    async fn path_is_checked_for_tool_that_programme_left() {
+        let (meeting, along) = meeting();
+        let (cell, at) = (example_cell(), along(-0.4));
+        let track = &cell.arms[0];
+        let base_from_tool = track.model.base_from_flange(&at) * track.flange_from_tool;
+        let world_from_tool = track.world_from_base * base_from_tool;
+        let below = world_from_tool.rotation.inverse() * Vector3::new(0.0, 0.0, -0.6);
+        let tool_from_point = Pose::translation(below.x, below.y, below.z);
+        let longer = track.flange_from_tool * tool_from_point;
+        let target = base_from_tool * tool_from_point;
+        let mut stays = [Some(Behaviour::Line { target, speed: 0.5 }), None];
+        let mut mp = standing(guard(), [arm(at), arm(meeting.postument)]);
+        let finish = Finish { achieved: true, reason: String::new() };
+        let message = Message::Ended { effector: 0, finish };
+        mp.programmes.running.push(0);
+        mp.programmes.to_mp.send(Report { message, tool: Some(longer) }).unwrap();
+
+        let before = mp.guard_orders(&mut stays, &[None, None]);
+        // The servo is gone, so MP gets no new state after the message.
+        assert!(mp.receive::<()>(1.0).await.is_err());
+        let after = mp.guard_orders(&mut stays, &[None, None]);
+
+        assert!(before.is_err(), "the tool of the cell would meet the table");
+        assert_eq!((after, mp.programmes.running.len()), (Ok(()), 0));
     }
 
     /// While the operator turns a motor by hand, hands that are apart must stay apart.
