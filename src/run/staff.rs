@@ -30,7 +30,7 @@ use crate::kernel::sensor::SensorKernel;
 use crate::kernel::{Effort, Forces};
 use crate::motion::{ArmState, PERIOD};
 use crate::reach::guard::Guard;
-use crate::registry::{Scenes, SensorEntry};
+use crate::registry::{SensorEntry, Simulation};
 use crate::scenario::declared::ChosenSensor;
 use crate::scenario::keys::{Coordination, Pace};
 use crate::scenario::lists::VspKind;
@@ -348,7 +348,7 @@ fn start_sensors(
 fn own_kernel(
     config: &ControllerConfig,
     wanted: &VspConfig,
-    model: Option<(u64, Scenes)>,
+    model: Option<Simulation>,
     services: &Services,
 ) -> Result<Box<dyn SensorKernel>, Error> {
     let refused = |why: String| not_created(&wanted.name, &why);
