@@ -7,7 +7,7 @@
 use nalgebra::{Point3, Vector3};
 use rubik_robot::actors::clock::Clock;
 use rubik_robot::actors::control::Control;
-use rubik_robot::actors::ecp::EcpHandle;
+use rubik_robot::actors::ecp::{EcpHandle, Outbox, Report, Surroundings};
 use rubik_robot::actors::edp::EdpHandle;
 use rubik_robot::actors::manner;
 use rubik_robot::actors::move_instruction::{Manner, example_manner};
@@ -37,6 +37,7 @@ use rubik_robot::kernel::{
 use rubik_robot::motion::{
     ArmFault, ArmState, Direction, Frame, JointPositions, Motion, MoveCommand, MoveRefused,
 };
+use rubik_robot::reach::guard::Guard;
 use rubik_robot::record::journal::{Durable, Journal};
 use rubik_robot::record::run_hash::RunHash;
 use rubik_robot::scenario::keys::Pace;
@@ -169,16 +170,22 @@ fn start_faulty_arm(
 /// Starts the EDP and the ECP of an effector with this name.
 fn actors_of(name: &str, link: ServoLink, services: &Services) -> (EdpHandle, EcpHandle) {
     let edp = edp::spawn(name, link, services);
-    let parts = ecp::Parts {
+    let ecp = ecp::spawn(name, ecp_parts(&edp, services));
+    (edp, ecp)
+}
+
+/// Returns the parts of an ECP without sensors and without a cell.
+fn ecp_parts(edp: &EdpHandle, services: &Services) -> ecp::Parts {
+    ecp::Parts {
         edp: edp.clone(),
         tracker: None,
         hand_camera: None,
         sensors: Vec::new(),
         programmes: programmes(),
         manner: manner(),
+        surroundings: None,
         services: services.clone(),
-    };
-    (edp, ecp::spawn(name, parts))
+    }
 }
 
 /// Makes an MP with three effectors, each with a plant of its own. Returns it with their EDPs.
@@ -235,6 +242,7 @@ fn programmes() -> Programmes {
     let mut programmes = Programmes::default();
     programmes.register::<Twice>("twice");
     programmes.register::<Refits>("refits");
+    programmes.register::<Plunges>("plunges");
     programmes
 }
 
@@ -859,6 +867,58 @@ async fn kernel_changes_tool_and_moves_along_base() {
         let wanted = world_from_base * Vector3::new(0.0, 0.0, 0.02);
         assert!((way - wanted).norm() < 6e-4, "{scheme:?}: {way}");
     }
+}
+
+/// Programme that moves its tool straight down by 1 m, and then changes its frame.
+struct Plunges;
+
+impl EcpTask for Plunges {
+    type Order = ();
+    type Kernel = RobotKernel;
+
+    fn kernel((): ()) -> RobotKernel {
+        Robot::kernel(|robot| async move {
+            let mut target = robot.arms()[0].desired_base_from_tool;
+            target.translation.vector.z -= 1.0;
+            let down = Behaviour::Line { target, speed: 0.5 };
+            let refused = robot.behave(0, down).await.unwrap_err();
+            robot.set_tool(0, longer()).await?;
+            Err(refused)
+        })
+    }
+}
+
+/// Returns the tool frame that [`Plunges`] leaves.
+fn longer() -> Pose {
+    flange_from_tool() * Pose::translation(0.0, 0.0, 0.1)
+}
+
+#[tokio::test(start_paused = true)]
+async fn ecp_checks_programme_path_and_reports_tool() {
+    let hash = RunHash::default();
+    let switches = Arc::new(Switches::new(EmergencyStop::default().signal()));
+    let (_, link, _) = start_arm(&switches, &hash);
+    let clock = Clock::new(tokio::time::Instant::now(), switches);
+    let services = Services::bare(clock, watch::channel(Control::Running).1, Trace::bare(hash).0);
+    let edp = edp::spawn("track", link, &services);
+    let cell = rubik_robot::tasks::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
+    let guard = Guard::of(&cell.controller.cell, 0.25);
+    let surroundings = Some(Surroundings { effector: 0, guard, states: vec![edp.watch()] });
+    let parts = ecp::Parts { surroundings, ..ecp_parts(&edp, &services) };
+    let ecp = ecp::spawn("track", parts);
+    let before = edp.state().await.unwrap().desired_joints;
+    let (mailbox, mut reports) = mpsc::unbounded_channel();
+
+    let programme = Plunges::programme("plunges", &()).unwrap();
+    ecp.start(programme, Outbox { effector: 0, mailbox }).await.unwrap();
+    let Report { message, tool } = reports.recv().await.unwrap();
+
+    let Message::Ended { finish, .. } = message else { panic!("{message:?}") };
+    assert!(finish.reason.contains("ecp track, check a path"), "{finish:?}");
+    assert!(finish.reason.contains("the hand of the track arm comes within"), "{finish:?}");
+    assert_eq!(tool, Some(longer()));
+    let after = edp.state().await.unwrap().desired_joints;
+    assert!(furthest(&before, &after) < 1e-12);
 }
 
 /// An arm that trips ends its programme. MP resets it, and starts the programme once more.

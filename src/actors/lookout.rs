@@ -32,6 +32,13 @@ impl Apart {
     }
 }
 
+/// Returns whether the state that an EDP publishes gives the place of its arm. Without
+/// synchronisation the counters say nothing about it. An EDP whose servo has not begun publishes
+/// the default state, of period 0.
+pub(super) fn is_known(arm: &ArmState) -> bool {
+    arm.synchronisation == Synchronisation::Yes && arm.period > 0
+}
+
 /// Stops all arms when one comes too near an obstacle or too fast near the operator's hand,
 /// whichever command moves it there.
 pub(crate) async fn run_lookout(
@@ -42,13 +49,7 @@ pub(crate) async fn run_lookout(
     services: Services,
 ) {
     let present = || states.iter().map(|state| *state.borrow()).collect::<Vec<ArmState>>();
-    let known = |arms: &[ArmState], i: usize| {
-        // Without synchronisation the counters say nothing about the place of an arm. An EDP whose
-        // servo has not begun publishes the default state, of period 0.
-        let is_known =
-            |arm: &ArmState| arm.synchronisation == Synchronisation::Yes && arm.period > 0;
-        arms.get(i).is_some_and(is_known)
-    };
+    let known = |arms: &[ArmState], i: usize| arms.get(i).is_some_and(is_known);
     let distances = |guard: &Guard, arms: &[ArmState]| {
         guard.distances([0, 1].map(|i| known(arms, i).then(|| &arms[i].desired_joints)))
     };

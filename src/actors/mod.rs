@@ -7,8 +7,8 @@
 //! other in a cycle.
 //!
 //! - actors: `ui`, `mp`, `ecp`, `edp`, `vsp`
-//! - parts of actors: `move_instruction` runs a generator by its `manner`, `homing` synchronises an
-//!   arm, `present` makes the UI's snapshots
+//! - parts of actors: `move_instruction` runs a generator by its `manner`, `ways` checks the path
+//!   of a motion before it begins, `homing` synchronises an arm, `present` makes the UI's snapshots
 //! - services of all actors: `services` with `clock`, `control`, `work`, `trace`, `latest`,
 //!   `notice`
 //! - supervision: `watchdog` detects actors that fail, `lookout` stops arms that come too near an
@@ -33,4 +33,5 @@ pub mod trace;
 pub mod ui;
 pub mod vsp;
 pub(crate) mod watchdog;
+pub(crate) mod ways;
 pub mod work;

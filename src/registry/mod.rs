@@ -6,13 +6,15 @@
 //! The kernel of a task knows the controller's half of a scenario alone. A verdict knows the plant
 //! alone. So a task can neither see the truth nor judge itself.
 
+mod device;
 mod entry;
 mod sensor;
 mod task;
 mod verdict;
 
+pub use device::{Device, DeviceFault, DeviceFaults, NoDevice};
 pub use entry::{Judge, Logbook, Registered, TaskEntry};
-pub use sensor::{Device, DeviceModel, NoDevice, Scenes, Sensor, SensorEntry};
+pub use sensor::{DeviceModel, Scenes, Sensor, SensorEntry, Simulation};
 pub use task::{Earlier, EntryOf, Setup, Task};
 pub use verdict::{Beginning, Judgement, Truth, Verdict};
 

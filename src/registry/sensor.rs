@@ -1,5 +1,5 @@
-//! The traits of a user's own sensor: the kernel of its VSP, its device, and the device's model in
-//! the simulated plant.
+//! The traits of a user's own sensor: the kernel of its VSP, and the model of its device in the
+//! simulated plant.
 //!
 //! - in: keys of the scenario; measurements of the device; the true scene, for the model alone
 //! - out: readings, which the kernels of MP and ECPs get
@@ -7,6 +7,7 @@
 //! The kernel cannot see the plant: in simulation its device is replaced by the model, on hardware
 //! by the real one, and both give it the same type of measurement.
 
+use super::device::{Device, DeviceFaults, FaultyDevice};
 use crate::hw::scene::Scene;
 use crate::kernel::sensor::SensorKernel;
 use crate::motion::ArmState;
@@ -17,6 +18,7 @@ use serde::Serialize;
 use serde_json::Value;
 use std::any::{Any, TypeId};
 use std::fmt::{self, Debug};
+use std::sync::Arc;
 
 /// Kernel of a VSP: it makes readings of the measurements of a device.
 pub trait Sensor: Send + Sized + 'static {
@@ -24,7 +26,7 @@ pub trait Sensor: Send + Sized + 'static {
     /// a scenario has the registered name of the sensor.
     type Keys: Section + Clone + Debug + Send + Sync + 'static;
     /// Result of the device; `()` for a sensor that needs the states of the arms alone.
-    type Measurement: 'static;
+    type Measurement: Clone + Send + 'static;
     /// Reading for the kernels of MP and ECPs; plain data.
     type Reading: Serialize;
 
@@ -51,26 +53,6 @@ pub trait Sensor: Send + Sized + 'static {
     ) -> Result<Self::Reading, String>;
 }
 
-/// Device of a sensor.
-pub trait Device<M>: Send {
-    /// Measures once. `period` is the present one of 2 ms. The call may take as long as the device
-    /// needs, at most a second.
-    ///
-    /// # Errors
-    /// The reason why there is no measurement.
-    fn measure(&mut self, period: u64) -> Result<M, String>;
-}
-
-/// Device of a sensor that needs the states of the arms alone.
-#[derive(Debug, Clone, Copy)]
-pub struct NoDevice;
-
-impl Device<()> for NoDevice {
-    fn measure(&mut self, _: u64) -> Result<(), String> {
-        Ok(())
-    }
-}
-
 /// Model of a device in the simulated plant.
 pub trait DeviceModel: Send + Sized + 'static {
     /// Sensor whose device it models.
@@ -88,6 +70,16 @@ pub trait DeviceModel: Send + Sized + 'static {
 
 /// Latest true scene of the simulated plant, for the model of a device.
 pub type Scenes = triple_buffer::Output<Scene>;
+
+/// Parts of the simulated plant that a sensor gets.
+pub struct Simulation {
+    /// Seed of the model's errors.
+    pub seed: u64,
+    /// True scene for the model of the device.
+    pub scenes: Scenes,
+    /// Flags of the faults that the scenario injects into the device; `None` without any.
+    pub faults: Option<Arc<DeviceFaults>>,
+}
 
 /// Device that a model simulates.
 struct Simulated<D> {
@@ -115,11 +107,28 @@ impl<S: Sensor> SensorKernel for Fitted<S> {
     }
 }
 
-/// Makes the kernel of a sensor with its real device.
-type MakeReal = fn(&SensorEntry, &ControllerConfig) -> Result<Box<dyn SensorKernel>, String>;
-/// Makes the kernel of a sensor with the model of its device, for a seed.
+/// Makes the kernel of a sensor with a device that may have injected faults.
+fn fitted<S: Sensor>(
+    keys: &S::Keys,
+    device: Box<dyn Device<S::Measurement>>,
+    faults: Option<Arc<DeviceFaults>>,
+) -> Result<Box<dyn SensorKernel>, String> {
+    let device = match faults {
+        Some(faults) => Box::new(FaultyDevice::new(device, faults)),
+        None => device,
+    };
+    Ok(Box::new(Fitted::<S> { sensor: S::new(keys)?, device }))
+}
+
+/// Makes the kernel of a sensor with its real device, into which faults may be injected.
+type MakeReal = fn(
+    &SensorEntry,
+    &ControllerConfig,
+    Option<Arc<DeviceFaults>>,
+) -> Result<Box<dyn SensorKernel>, String>;
+/// Makes the kernel of a sensor with the model of its device.
 type MakeSimulated =
-    fn(&SensorEntry, &ControllerConfig, u64, Scenes) -> Result<Box<dyn SensorKernel>, String>;
+    fn(&SensorEntry, &ControllerConfig, Simulation) -> Result<Box<dyn SensorKernel>, String>;
 
 /// A registered sensor with its type erased.
 #[derive(Clone)]
@@ -147,10 +156,9 @@ impl SensorEntry {
             name,
             of: TypeId::of::<S>(),
             defaults: || Box::new(S::Keys::default()),
-            real: |entry, config| {
+            real: |entry, config, faults| {
                 let keys = entry.keys::<S>(config);
-                let device = S::device(&keys)?;
-                Ok(Box::new(Fitted { sensor: S::new(&keys)?, device }))
+                fitted::<S>(&keys, S::device(&keys)?, faults)
             },
             simulated: None,
         }
@@ -163,10 +171,10 @@ impl SensorEntry {
 
     /// Gives the sensor a model of its device.
     pub(super) fn simulated_by<D: DeviceModel>(&mut self) {
-        self.simulated = Some(|entry, config, seed, scenes| {
+        self.simulated = Some(|entry, config, Simulation { seed, scenes, faults }| {
             let keys = entry.keys::<D::Sensor>(config);
             let device = Simulated { model: D::new(&keys, seed), scenes };
-            Ok(Box::new(Fitted { sensor: D::Sensor::new(&keys)?, device: Box::new(device) }))
+            fitted::<D::Sensor>(&keys, Box::new(device), faults)
         });
     }
 
@@ -181,19 +189,19 @@ impl SensorEntry {
         config.sections.get::<S::Keys>(self.name).cloned().unwrap_or_default()
     }
 
-    /// Makes the kernel with its device: the model, if there is one and `scenes` of the plant with
-    /// its seed are given; or else the real device.
+    /// Makes the kernel with its device: the model, if there is one and the run is a `simulation`;
+    /// or else the real device.
     ///
     /// # Errors
     /// The reason why the sensor or its device cannot be made.
     pub fn kernel(
         &self,
         config: &ControllerConfig,
-        scenes: Option<(u64, Scenes)>,
+        simulation: Option<Simulation>,
     ) -> Result<Box<dyn SensorKernel>, String> {
-        match (self.simulated, scenes) {
-            (Some(make), Some((seed, scenes))) => make(self, config, seed, scenes),
-            _ => (self.real)(self, config),
+        match (self.simulated, simulation) {
+            (Some(make), Some(simulation)) => make(self, config, simulation),
+            (_, simulation) => (self.real)(self, config, simulation.and_then(|s| s.faults)),
         }
     }
 }

@@ -1,7 +1,8 @@
-//! Faults that are injected outside the plant: into cameras, messages, clock, actors, and files.
+//! Faults that are injected outside the plant: into cameras, sensors, messages, clock, actors, and
+//! files.
 //!
-//! The plant decides when these faults begin and end. Cameras and actors read flags; the world of a
-//! run carries out the other faults. The kernel of a task sees none of this.
+//! The plant decides when these faults begin and end. Cameras, sensors and actors read flags; the
+//! world of a run carries out the other faults. The kernel of a task sees none of this.
 //!
 //! - in: [`Disturbance`]s that begin and end, from the world
 //! - out: flags and numbers that cameras, actors and recorder read ([`InjectedFaults`])
@@ -9,6 +10,8 @@
 use crate::actors::fault::ActorFault;
 use crate::emergency_stop::StopButton;
 use crate::hw::storage::{Storage, StorageFault};
+use crate::registry::{DeviceFault, DeviceFaults};
+use crate::scenario::ControllerConfig;
 use crate::scenario::injected::FaultFile;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -39,6 +42,8 @@ pub(super) enum Disturbance {
     Silent(usize),
     /// A camera's pictures come late by this time (s).
     Late(usize, f64),
+    /// The device of a user's own sensor fails, given by the index of its VSP.
+    Sensor(usize, DeviceFault),
     /// A sticker (0 to 53) shows another colour to all cameras.
     Misread(usize, u8),
     /// The next message to an actor comes late by this time (s).
@@ -115,6 +120,8 @@ pub(super) struct InjectedFaults {
     pub(super) mp: Arc<ActorFault>,
     /// Faults of each camera.
     pub(super) cameras: Vec<Arc<CameraFaults>>,
+    /// Faults of the device of each VSP with a user's own sensor; unused for other VSPs.
+    pub(super) sensors: Vec<Arc<DeviceFaults>>,
     /// Whether the heartbeat of the actors has stopped.
     pub(super) heart: Arc<AtomicBool>,
     /// Storage of the recording.
@@ -128,12 +135,13 @@ pub(super) struct InjectedFaults {
 }
 
 impl InjectedFaults {
-    /// Creates the flags of all injected faults, none of them set, for a cell with this number of
-    /// cameras.
-    pub(super) fn new(cameras: usize) -> Self {
+    /// Creates the flags of all injected faults, none of them set, for the parts of a cell.
+    pub(super) fn new(config: &ControllerConfig) -> Self {
+        let cameras = config.cell.cameras.len();
         Self {
             vsps: (0..cameras).map(|_| Arc::default()).collect(),
             cameras: (0..cameras).map(|_| Arc::default()).collect(),
+            sensors: config.vsps.iter().map(|_| Arc::default()).collect(),
             ..Self::default()
         }
     }
@@ -163,6 +171,8 @@ impl InjectedFaults {
             Disturbance::Late(camera, by) => {
                 self.cameras[camera].late.store(ms(by), Ordering::Release);
             }
+            // Sensors: the device reads the flag at each measurement.
+            Disturbance::Sensor(vsp, fault) => self.sensors[vsp].set(fault, begins),
             // Actors: the mailbox reads the flag before the next message. A cell with one arm has
             // no second ECP to disturb.
             Disturbance::LateMessage(who, by) => {

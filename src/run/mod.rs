@@ -207,7 +207,7 @@ fn carried_out(
         recording: recorder.storage().unwrap_or_default(),
         journal: storage(&logbook).unwrap_or_default(),
         world: kept.as_ref().map(Kept::storage).unwrap_or_default(),
-        ..InjectedFaults::new(scenario.controller.cell.cameras.len())
+        ..InjectedFaults::new(&scenario.controller)
     };
     let control = &operator.control;
     let (world, sources, notes) = match &playback {

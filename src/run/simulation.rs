@@ -26,7 +26,7 @@ use crate::motion::JointPositions;
 use crate::operator::Class;
 use crate::reach::{Meeting, MeetingTable, meeting_place};
 use crate::record::recorder::{Entry, Recorder};
-use crate::registry::Beginning;
+use crate::registry::{Beginning, DeviceFault};
 use crate::scenario::injected::{FaultActor, FaultEvent, FaultKeys, FaultKind};
 use crate::scenario::objects::{ObjectKeys, ObjectKind};
 use crate::scenario::plant::{CubeKind, Jaws as JawsKey, PlantHand, PlantKeys};
@@ -419,10 +419,38 @@ fn fault_event(
         let Input { effector, bit } = config.input(keys.input.as_deref()?)?;
         return Some(What::Input { arm: effector, bit });
     }
+    if let Some(fault) = device_fault(keys) {
+        let vsp = index(config.vsps.iter().map(|vsp| &vsp.name), keys.sensor.as_ref());
+        others.push(Disturbance::Sensor(vsp, fault));
+        return Some(What::Elsewhere(others.len() - 1));
+    }
     event_in_cell(&config.cell, keys, others)
 }
 
-/// Returns the event of [`fault_event`] for a fault that concerns no input.
+/// Returns an actor of this arm or this camera.
+fn actor(kind: FaultActor, arm: usize, camera: usize) -> Actor {
+    match kind {
+        FaultActor::Mp => Actor::Mp,
+        FaultActor::Ecp => Actor::Ecp(arm),
+        FaultActor::Edp => Actor::Edp(arm),
+        FaultActor::Vsp => Actor::Vsp(camera),
+    }
+}
+
+/// Returns the fault of the device of a user's own sensor; `None` for a fault of another part.
+fn device_fault(keys: &FaultKeys) -> Option<DeviceFault> {
+    match keys.kind? {
+        FaultKind::SensorSilent => Some(DeviceFault::Silent),
+        FaultKind::SensorFrozen => Some(DeviceFault::Frozen),
+        FaultKind::LateMeasurements => {
+            Some(DeviceFault::Late(keys.magnitude.unwrap_or_default() * 1e-3))
+        }
+        _ => None,
+    }
+}
+
+/// Returns the event of [`fault_event`] for a fault that concerns neither an input nor a user's own
+/// sensor.
 fn event_in_cell(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<What> {
     use FaultKind as K;
     let arm = index(cell.arms.iter().map(|a| &a.name), keys.arm.as_ref());
@@ -430,12 +458,7 @@ fn event_in_cell(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -
     let axis = keys.axis.unwrap_or_default() as usize;
     let (direction, size) = (keys.direction as usize, keys.magnitude.unwrap_or_default());
     let force = Vector3::from_fn(|i, _| if i == direction.min(2) { size } else { 0.0 });
-    let who = || match keys.actor? {
-        FaultActor::Mp => Some(Actor::Mp),
-        FaultActor::Ecp => Some(Actor::Ecp(arm)),
-        FaultActor::Edp => Some(Actor::Edp(arm)),
-        FaultActor::Vsp => Some(Actor::Vsp(camera)),
-    };
+    let who = || Some(actor(keys.actor?, arm, camera));
     // Faults of messages affect the EDP of the arm unless the scenario names another actor.
     let receiver = who().unwrap_or(Actor::Edp(arm));
     let other = match keys.kind? {
@@ -459,6 +482,9 @@ fn event_in_cell(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -
         | K::OverConstrained
         | K::JawCalibration
         | K::BaseCalibration
+        | K::SensorSilent
+        | K::SensorFrozen
+        | K::LateMeasurements
         | K::Input => return None,
         // Disturbances of the servo's time, the cameras and the messages.
         K::MissedPeriods => Disturbance::Missed(size as u64),

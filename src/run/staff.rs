@@ -10,6 +10,7 @@ use super::servos::Servos;
 use super::settings;
 use super::world::Sources;
 use crate::actors::control::permission_soon;
+use crate::actors::ecp::Surroundings;
 use crate::actors::edp::EdpHandle;
 use crate::actors::homing::{self, wait_for_homing};
 use crate::actors::lookout::{self, Apart};
@@ -29,7 +30,7 @@ use crate::kernel::sensor::SensorKernel;
 use crate::kernel::{Effort, Forces};
 use crate::motion::{ArmState, PERIOD};
 use crate::reach::guard::Guard;
-use crate::registry::{Scenes, SensorEntry};
+use crate::registry::{SensorEntry, Simulation};
 use crate::scenario::declared::ChosenSensor;
 use crate::scenario::keys::{Coordination, Pace};
 use crate::scenario::lists::VspKind;
@@ -256,6 +257,11 @@ pub(super) async fn start_actors(
                 sensors: sensors.own_of(Owner::Ecp(index)),
                 manner: manners[index].clone(),
                 programmes: config.programmes.clone(),
+                surroundings: Some(Surroundings {
+                    effector: index,
+                    guard: guard.clone(),
+                    states: edps.iter().map(EdpHandle::watch).collect(),
+                }),
                 services: services.under(faults.ecps.get(index)),
             };
             ecp::spawn(&arm.name, parts)
@@ -342,7 +348,7 @@ fn start_sensors(
 fn own_kernel(
     config: &ControllerConfig,
     wanted: &VspConfig,
-    model: Option<(u64, Scenes)>,
+    model: Option<Simulation>,
     services: &Services,
 ) -> Result<Box<dyn SensorKernel>, Error> {
     let refused = |why: String| not_created(&wanted.name, &why);

@@ -75,7 +75,7 @@ pub(crate) fn weigh_tool(
     let world = if scenario.bridge.kind.is_hardware() {
         World::of_hardware(scenario, &control)?.0
     } else {
-        let faults = InjectedFaults::new(scenario.controller.cell.cameras.len());
+        let faults = InjectedFaults::new(&scenario.controller);
         World::of_plant(scenario, Plan::of(scenario)?.plant(scenario)?, &control, &faults)?.0
     };
     let config = &scenario.controller;

@@ -28,7 +28,7 @@ use crate::hw::serial::axis::Rules;
 use crate::hw::socket_camera::SocketCamera;
 use crate::motion::PERIOD;
 use crate::record::playback::Playback;
-use crate::registry::Scenes;
+use crate::registry::Simulation;
 use crate::scenario::keys::BridgeKind;
 use crate::scenario::{CameraSource, ControllerConfig, Scenario, VspConfig};
 use crate::servo::io::{ArmDrive, ArmReading};
@@ -154,9 +154,9 @@ pub(super) type Cameras = Vec<Option<Box<dyn FrameSource>>>;
 pub(super) struct Sources {
     /// Frame sources.
     pub(super) cameras: Cameras,
-    /// Latest true scene for the model of each VSP's device, in the scenario's order, with the seed
-    /// of the model's errors. `None` for a VSP of another kind, and for all without a plant.
-    pub(super) models: Vec<Option<(u64, Scenes)>>,
+    /// Parts of the plant that each VSP with a user's own sensor gets, in the scenario's order.
+    /// `None` for a VSP of another kind, and for all without a plant.
+    pub(super) models: Vec<Option<Simulation>>,
 }
 
 impl From<Cameras> for Sources {
@@ -214,14 +214,19 @@ impl World {
             }))
         })?;
         // The models of other devices see the scene in the same way.
-        let mut model = |vsp: &VspConfig| {
+        let sensors = &faults.sensors;
+        let mut model = |(index, vsp): (usize, &VspConfig)| {
             vsp.own.as_ref().map(|_| {
-                let (input, output) = triple_buffer::triple_buffer(&plant.scene());
+                let (input, scenes_of_model) = triple_buffer::triple_buffer(&plant.scene());
                 scenes.push(input);
-                (scenario.seed, output)
+                let is_named =
+                    |d: &Disturbance| matches!(d, Disturbance::Sensor(named, _) if *named == index);
+                let faults = disturbances.iter().any(is_named);
+                let faults = faults.then(|| Arc::clone(&sensors[index]));
+                Simulation { seed: scenario.seed, scenes: scenes_of_model, faults }
             })
         };
-        let models = scenario.controller.vsps.iter().map(&mut model).collect();
+        let models = scenario.controller.vsps.iter().enumerate().map(&mut model).collect();
         let plant = match scenario.bridge.kind {
             BridgeKind::Wire => Plants::Wired(Box::new(super::simulation::wired(scenario, plant))),
             _ => Plants::Bare(Box::new(plant)),

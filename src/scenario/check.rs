@@ -196,8 +196,10 @@ pub(super) fn periods(root: &Root, reader: &mut Reader) {
 /// Checks the injected faults: the keys of each, that its arm has its axis, that no two have the
 /// same name, and that the arms are simulated.
 pub(super) fn faults(draft: &Draft, arms: &[Option<Arm>], reader: &mut Reader) {
+    let Draft { effectors, cameras, vsps, .. } = draft;
+    let parts = injected::Parts { effectors, cameras, vsps };
     for (index, (path, keys)) in draft.faults.iter().enumerate() {
-        injected::check(keys, path, &draft.effectors, &draft.cameras, reader);
+        injected::check(keys, path, parts, reader);
         // An arm without a track has no axis 0.
         let named = |arm: &&Arm| Some(&arm.name) == keys.arm.as_ref();
         if keys.axis == Some(0)

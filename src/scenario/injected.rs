@@ -5,7 +5,7 @@
 //!   part that fails
 //! - out: [`FaultKeys`], which `check` compares with each other and with the scenario
 
-use super::lists::{CameraKeys, Effector};
+use super::lists::{CameraKeys, Effector, Vsp, VspKind};
 use super::section::{Reader, section, words};
 use crate::cube::Face;
 
@@ -36,6 +36,12 @@ words! {
         CameraSilent = "camera_silent",
         /// A camera's pictures come late by magnitude (ms).
         LateFrames = "late_frames",
+        /// A sensor that the program adds delivers no measurement.
+        SensorSilent = "sensor_silent",
+        /// A sensor that the program adds repeats its last measurement.
+        SensorFrozen = "sensor_frozen",
+        /// The measurements of a sensor that the program adds come late by magnitude (ms).
+        LateMeasurements = "late_measurements",
         /// A binary input of the parallel interface is set.
         Input = "input",
         /// A gripper has only a share of its friction (magnitude).
@@ -172,6 +178,8 @@ section! {
         direction: u32 = 2, 0.0..=5.0;
         /// Camera that has the fault.
         camera: Option<String> = None;
+        /// Sensor that has the fault: the name of a VSP whose kind the program adds.
+        sensor: Option<String> = None;
         /// Actor that has the fault, of `arm` or `camera`.
         actor: Option<FaultActor> = None;
         /// File whose storage has the fault.
@@ -191,6 +199,7 @@ struct Needs {
     arm: bool,
     axis: bool,
     camera: bool,
+    sensor: bool,
     /// Smallest and largest magnitude; `None` if it has none.
     magnitude: Option<(f64, f64)>,
     /// Whether the fault exists from the beginning, without a time or an event.
@@ -201,7 +210,14 @@ struct Needs {
 /// the unit of the kind).
 fn needs(kind: FaultKind) -> Needs {
     use FaultKind as K;
-    let none = Needs { arm: false, axis: false, camera: false, magnitude: None, constant: false };
+    let none = Needs {
+        arm: false,
+        axis: false,
+        camera: false,
+        sensor: false,
+        magnitude: None,
+        constant: false,
+    };
     let of_arm = |magnitude| Needs { arm: true, magnitude, ..none };
     match kind {
         // Faults of one axis.
@@ -222,6 +238,9 @@ fn needs(kind: FaultKind) -> Needs {
         // Faults of a camera.
         K::CameraBlackout | K::CameraSilent => Needs { camera: true, ..none },
         K::LateFrames => Needs { camera: true, magnitude: Some((0.0, 1e4)), ..none },
+        // Faults of a sensor that the program adds.
+        K::SensorSilent | K::SensorFrozen => Needs { sensor: true, ..none },
+        K::LateMeasurements => Needs { sensor: true, magnitude: Some((0.0, 1e5)), ..none },
         // Faults of the servo, of the cube and of the clock.
         K::MissedPeriods => Needs { magnitude: Some((1.0, 1e4)), ..none },
         K::Jam => Needs { magnitude: Some((0.0, 100.0)), ..none },
@@ -263,15 +282,17 @@ impl FaultKeys {
     }
 }
 
-/// Checks an injected fault: its keys against its kind, and the names of arms and cameras in it.
-/// `path` is its dotted name.
-pub(super) fn check(
-    fault: &FaultKeys,
-    path: &str,
-    effectors: &[Effector],
-    cameras: &[CameraKeys],
-    reader: &mut Reader,
-) {
+/// Parts of a cell that can fail.
+#[derive(Clone, Copy)]
+pub(super) struct Parts<'a> {
+    pub(super) effectors: &'a [Effector],
+    pub(super) cameras: &'a [CameraKeys],
+    pub(super) vsps: &'a [Vsp],
+}
+
+/// Checks an injected fault: its keys against its kind, and the names of `parts` in it. `path` is
+/// its dotted name.
+pub(super) fn check(fault: &FaultKeys, path: &str, parts: Parts<'_>, reader: &mut Reader) {
     // The rules below depend on the kind, so none of them applies without it.
     let Some(kind) = fault.kind else {
         reader.fault(path, format!("`{path}.kind` is missing"));
@@ -279,14 +300,15 @@ pub(super) fn check(
     };
     let mut check = Check { fault, kind, needs: needs(kind), wrong: Vec::new() };
     check.beginning();
-    check.arms(effectors);
-    check.camera(cameras);
+    check.arms(parts.effectors);
+    check.camera(parts.cameras);
+    check.sensor(parts.vsps);
     check.magnitude();
     check.actor();
     check.direction();
     check.sticker();
     check.file();
-    check.input(effectors);
+    check.input(parts.effectors);
     for (key, reason) in check.wrong {
         reader.fault(&format!("{path}.{key}"), format!("`{path}.{key}`: {reason}"));
     }
@@ -353,6 +375,24 @@ impl Check<'_> {
         }
         if self.needs.camera && camera.is_none() {
             self.wrong("kind", format!("\"{}\" needs a camera", self.kind.word()));
+        }
+    }
+
+    /// Checks the name of the sensor, which must be given if the kind needs it. The other VSPs
+    /// have the faults of their cameras and arms.
+    fn sensor(&mut self, vsps: &[Vsp]) {
+        let sensor = &self.fault.sensor;
+        let is_own = |vsp: &&Vsp| VspKind::WORDS.iter().all(|(word, _)| vsp.kind != *word);
+        let unknown = |name: &&String| !vsps.iter().filter(is_own).any(|vsp| vsp.name == **name);
+        if let Some(name) = sensor.as_ref().filter(unknown) {
+            let reason = match vsps.iter().find(|vsp| vsp.name == *name) {
+                Some(vsp) => format!("the VSP \"{name}\" is of the built-in kind \"{}\"", vsp.kind),
+                None => format!("there is no VSP \"{name}\""),
+            };
+            self.wrong("sensor", reason);
+        }
+        if self.needs.sensor && sensor.is_none() {
+            self.wrong("kind", format!("\"{}\" needs a sensor", self.kind.word()));
         }
     }
 
@@ -505,6 +545,12 @@ mod tests {
         assert!(never.contains("from the beginning"), "{never}");
         let input = faults("kind = \"input\"\ninput = \"door\"\nat_s = 1");
         assert!(input.contains("no effector has an input \"door\""), "{input}");
+        let sensor = |name: &str| faults(&format!("kind = \"sensor_silent\"\nat_s = 1{name}"));
+        assert!(sensor("").contains("needs a sensor"), "{}", sensor(""));
+        let nothing = sensor("\nsensor = \"gap\"");
+        assert!(nothing.contains("f.toml:5:") && nothing.contains("no VSP \"gap\""), "{nothing}");
+        let force = sensor("\nsensor = \"mpf\"");
+        assert!(force.contains("the VSP \"mpf\" is of the built-in kind \"force\""), "{force}");
     }
 
     #[test]

@@ -67,11 +67,33 @@ fn recorded_sensor_verifies_and_missing_reading_fails() {
     assert!(reason.contains("sensor `gap`") && reason.contains("out of range"), "{reason}");
 }
 
+/// A silent or a late device leaves the task without a reading. A frozen one repeats the distance
+/// in the middle of the nod, which the task takes for the last one.
+#[test]
+fn injected_faults_reach_own_sensor() {
+    let with = |kind: &str, keys: &str| {
+        summary(&format!("fault=[{{ name = \"f\", sensor = \"gap\", kind = \"{kind}\", {keys} }}]"))
+    };
+    let silent = with("sensor_silent", "at_s = 1");
+    let late = with("late_measurements", "magnitude = 60000, at_s = 1");
+    let whole = silent["sim_time_s"].as_f64().unwrap();
+    let frozen = with("sensor_frozen", &format!("at_s = {}", whole - 2.0));
+
+    for (summary, why) in [(silent, "no measurement comes"), (late, "has not arrived yet")] {
+        let reason = summary["reason"].as_str().unwrap();
+        assert!(reason.contains("sensor `gap`") && reason.contains(why), "{summary}");
+    }
+    let gap = |name: &str| frozen["figures"][name].as_f64().unwrap();
+    assert!((gap("gap_mm") - gap("true_gap_mm")).abs() > 5.0, "{frozen}");
+}
+
 #[test]
 fn keys_of_task_are_checked_and_listed() {
     let listed = String::from_utf8(own_cell(&["keys", "wave"]).stdout).unwrap();
     assert!(listed.contains("wave.swing_deg = 10"), "{listed}");
     assert!(listed.contains("Angle of the wrist to either side."), "{listed}");
+    let faults = String::from_utf8(own_cell(&["keys", "fault"]).stdout).unwrap();
+    assert!(faults.contains("sensor_frozen") && faults.contains("fault.NAME.sensor"), "{faults}");
 
     let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("wave.toml");
     for (set, fault) in [
@@ -79,6 +101,10 @@ fn keys_of_task_are_checked_and_listed() {
         ("wave.swing=9", "did you mean `swing_deg`?"),
         ("gap.range_mm=9", "`gap.range_mm`: 9 is outside 100..10000"),
         ("vsp.gap.kind=\"gab\"", "did you mean \"gap\"?"),
+        (
+            "fault=[{ name = \"f\", kind = \"sensor_silent\", sensor = \"gab\", at_s = 1 }]",
+            "there is no VSP \"gab\"",
+        ),
         ("task=wavy", "did you mean \"wave\"?"),
     ] {
         let output = own_cell(&["check", scenario.to_str().unwrap(), "--set", set]);

@@ -4,15 +4,18 @@
 //! coordination it runs the generators of the behaviours that MP invokes, with the readings of the
 //! VSPs that belong to it (Zieliński et al. 2007, p. 374).
 //!
-//! Beside this it runs programmes (`programme`), kernels of its own that MP starts.
+//! Beside this it runs programmes (`programme`), kernels of its own that MP starts. MP checks the
+//! paths of its orders itself; the ECP checks those of a programme (`surroundings`).
 //!
 //! - in: commands, behaviours and other requests of MP; states of its EDP; readings of its VSPs
 //! - out: commands to the EDP; the outcome or the answer of each request
 
 mod outbox;
 mod programme;
+mod surroundings;
 
-pub use outbox::Outbox;
+pub use outbox::{Outbox, Report};
+pub use surroundings::Surroundings;
 
 use super::control::permission_soon;
 use super::edp::EdpHandle;
@@ -27,6 +30,7 @@ use crate::generators::{Behaviour, Outcome};
 use crate::kernel::programme::Programmes;
 use crate::kernel::{Adjustment, Programme, Signal, View};
 use crate::motion::{ArmState, MoveCommand, PERIOD};
+use crate::spatial::Pose;
 use crate::vision::sensor::FaceReading;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -215,6 +219,9 @@ pub struct Parts {
     pub manner: Manner,
     /// Programmes that it can carry out.
     pub programmes: Programmes,
+    /// Cell and other arm, against which it checks the paths of its programmes; `None` without a
+    /// cell.
+    pub surroundings: Option<Surroundings>,
     /// The services of the run.
     pub services: Services,
 }
@@ -229,6 +236,8 @@ struct Ecp {
     heartbeat: Heartbeat,
     /// Signals of MP that the programme has not received yet.
     signals: VecDeque<Signal>,
+    /// Tool frame in force (`flange_from_tool`), where MP or a programme has changed it.
+    tool: Option<Pose>,
 }
 
 /// Starts the ECP of the effector `name` as a task, and returns the sending end of its mailbox.
@@ -250,6 +259,7 @@ pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
         alive: Arc::clone(&alive),
         heartbeat: watchdog.heartbeat(&name),
         signals: VecDeque::new(),
+        tool: None,
     };
     let span = tracing::info_span!("ecp", name = ecp.name);
     watchdog.spawn(&name, ecp.run().instrument(span));
@@ -301,8 +311,7 @@ impl Ecp {
                 }
                 Request::Adjust { adjustment, reply } => {
                     self.parts.services.trace.message("mp", &self.name, &adjustment);
-                    let answer = self.heartbeat.away(self.parts.edp.adjust(adjustment)).await;
-                    let _ = reply.send(answer);
+                    let _ = reply.send(self.adjust(adjustment).await);
                 }
                 Request::State { reply } => {
                     let _ = reply.send(self.heartbeat.away(self.parts.edp.state()).await);
@@ -393,6 +402,15 @@ impl Ecp {
                 Err(outcome) => return Ok((outcome, state)),
             }
         }
+    }
+
+    /// Adjusts the arm and returns its state. Keeps the tool frame that is in force.
+    async fn adjust(&mut self, adjustment: Adjustment) -> Result<ArmState, Error> {
+        let state = self.heartbeat.away(self.parts.edp.adjust(adjustment)).await?;
+        if let Adjustment::Tool(flange_from_tool) = adjustment {
+            self.tool = Some(flange_from_tool);
+        }
+        Ok(state)
     }
 
     /// Reads a face with the camera in the effector's hand, if one belongs to this ECP.

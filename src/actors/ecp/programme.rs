@@ -2,7 +2,11 @@
 //! effector.
 //!
 //! - in: the actions of the kernel, signals of MP
-//! - out: events for the kernel; signals and the end of the programme for MP
+//! - out: events for the kernel; signals and the end of the programme for MP, each with the tool
+//!   frame in force
+//!
+//! A motion whose path is not free is refused, and one that is too fast near the operator gets more
+//! time, by the same checks as the motions that MP orders (`surroundings`).
 //!
 //! A non-fatal error is an event for the kernel. Any other error ends the programme, and MP gets
 //! its reason: the programmes of other effectors go on. An error of the whole system ends the run,
@@ -70,7 +74,7 @@ impl Ecp {
             }
         };
         self.parts.services.trace.message(&self.name, "mp", &finish);
-        to_mp.send(Message::Ended { effector: to_mp.effector, finish });
+        to_mp.send(Message::Ended { effector: to_mp.effector, finish }, self.tool);
     }
 
     /// Asks the kernel for actions and carries them out until it finishes.
@@ -107,7 +111,7 @@ impl Ecp {
                 Ok(Event::Done)
             }
             Action::Behave { orders, .. } => match orders.into_iter().next().flatten() {
-                Some(order) => self.move_by(&order).await,
+                Some(order) => self.move_by(order).await,
                 None => Ok(Event::Behaved(vec![None])),
             },
             Action::Bias(which) if which.first() == Some(&true) => {
@@ -117,12 +121,11 @@ impl Ecp {
             Action::Bias(_) => Ok(Event::Done),
             // The only effector of a programme is its own.
             Action::Adjust { effector: 0, adjustment } => {
-                let adjusted = self.heartbeat.away(self.parts.edp.adjust(adjustment)).await;
-                adjusted.map(|_| Event::Done)
+                self.adjust(adjustment).await.map(|_| Event::Done)
             }
             Action::Signal { signal, .. } => {
                 self.parts.services.trace.message(&self.name, "mp", &signal);
-                to_mp.send(Message::Signal { effector: to_mp.effector, signal });
+                to_mp.send(Message::Signal { effector: to_mp.effector, signal }, self.tool);
                 Ok(Event::Done)
             }
             Action::Receive(seconds) => return self.receive(seconds).await,
@@ -139,9 +142,16 @@ impl Ecp {
         }
     }
 
-    /// Carries out a behaviour to its end and returns its outcome as an event.
-    async fn move_by(&mut self, order: &Behaviour) -> Result<Event<()>, Error> {
-        let (outcome, _) = self.behave(order).await?;
+    /// Carries out a behaviour to its end if its path is free. Returns its outcome as an event.
+    async fn move_by(&mut self, mut order: Behaviour) -> Result<Event<()>, Error> {
+        if let Some(surroundings) = &self.parts.surroundings {
+            let arm = self.heartbeat.away(self.parts.edp.state()).await?;
+            let manner = &self.parts.manner;
+            surroundings.admit(&mut order, manner, (&arm, self.tool)).map_err(|cause| {
+                Error::NonFatal { actor: self.name.clone(), place: "check a path", cause }
+            })?;
+        }
+        let (outcome, _) = self.behave(&order).await?;
         Ok(Event::Behaved(vec![Some(outcome)]))
     }
 

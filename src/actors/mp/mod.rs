@@ -8,16 +8,16 @@
 //!
 //! - `motions`: both schemes
 //! - `programmes`: programmes of ECPs, which run beside the kernel of MP; `under_way` is their list
-//! - `ways`: the checks of a motion before it begins
 //! - `dialogue`: questions to the operator, and orders by hand
 //! - `jog`: the generator that turns one motor by hand
+//!
+//! The checks of a motion before it begins are those of `actors/ways`.
 
 mod dialogue;
 mod jog;
 mod motions;
 mod programmes;
 mod under_way;
-mod ways;
 
 use super::control::{Control, Terminated, permission_soon};
 use super::ecp::EcpHandle;
@@ -29,6 +29,7 @@ use super::sensor::{SensorHandle, readings};
 use super::services::Services;
 use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision, Watchdog};
+use super::ways::{self, Known};
 use super::work::SEARCH;
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::generators::Behaviour;
@@ -47,7 +48,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 use tokio::sync::{mpsc, watch};
 use under_way::Programmes;
-use ways::Known;
 
 /// Scheme of coordination: the actor that runs the generators.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -170,7 +170,7 @@ pub struct Mp {
     fault: Arc<ActorFault>,
     heartbeat: Heartbeat,
     programmes: Programmes,
-    /// Tool frame of the cell in the present one of each effector, where a task has changed it.
+    /// Tool frame in force of each effector (`flange_from_tool`), where a task has changed it.
     tools: Vec<Option<Pose>>,
 }
 
@@ -216,12 +216,10 @@ impl Mp {
         })
     }
 
-    /// Returns the guard that checks paths, with the present openings of the jaws, from which it
-    /// concludes which hands hold a cube. Returns `None` for a run without a cell.
+    /// Returns the guard that checks paths, with the present openings of the jaws. Returns `None`
+    /// for a run without a cell.
     fn guard(&self) -> Option<Guard> {
-        let mut guard = self.parts.guard.clone()?;
-        guard.holding(self.known().map(|arm| arm.map(|arm| arm.jaw_opening)));
-        Some(guard)
+        Some(ways::present(self.parts.guard.as_ref()?, self.known()))
     }
 
     /// Checks the ordered paths against the believed cell, and slows down those that are too fast
@@ -232,12 +230,15 @@ impl Mp {
         forecasts: &ways::Forecasts,
     ) -> Result<(), Near> {
         let Some(guard) = self.guard() else { return Ok(()) };
-        let known = Known { arms: self.known(), tools: &self.tools };
-        let apart = ways::check_paths(&guard, known, orders, forecasts)?;
+        let known = Known {
+            arms: self.known(),
+            tools: [0, 1].map(|i| self.tools.get(i).copied().flatten()),
+            manners: [0, 1].map(|i| self.parts.manners.get(i)),
+        };
+        let apart = ways::admit(&guard, known, orders, forecasts)?;
         // Before the motion begins, so that the lookout judges all of it by the right rule. The
         // hand of a programme must stay apart from every other one.
         self.parts.apart.set(apart || !self.programmes.running.is_empty());
-        ways::slow_down(&guard, known, &self.parts.manners, orders, forecasts);
         Ok(())
     }
 
@@ -250,13 +251,10 @@ impl Mp {
         let mut forecasts = [None, None];
         for (effector, order) in orders.iter().enumerate() {
             let known = self.parts.manners.get(effector).zip(self.arms.get(effector));
-            let (Some(Behaviour::Own(own)), Some((manner, arm))) = (order, known) else { continue };
-            let forecast = manner
-                .library
-                .forecast(own, &manner.site(arm))
-                .map_err(|why| refused(NonFatal::Arguments(why)))?;
+            let (Some(order), Some((manner, arm))) = (order, known) else { continue };
+            let forecast = ways::forecast(order, manner, arm).map_err(refused)?;
             if let Some(place) = forecasts.get_mut(effector) {
-                *place = forecast.map(Arc::new);
+                *place = forecast;
             }
         }
         Ok(forecasts)
@@ -558,10 +556,7 @@ impl Mp {
             adjusted => adjusted?,
         };
         if let Adjustment::Tool(flange_from_tool) = adjustment {
-            // Paths are checked for the tool of the cell, whose body does not change with a frame.
-            let believed =
-                self.parts.guard.as_ref().and_then(|guard| guard.flange_from_tool(effector));
-            self.tools[effector] = believed.map(|cell| flange_from_tool.inverse() * cell);
+            self.tools[effector] = Some(flange_from_tool);
         }
         self.refresh().await
     }
@@ -667,14 +662,17 @@ mod tests {
     use super::super::trace::Trace;
     use super::super::{ecp, edp};
     use super::*;
+    use crate::actors::ecp::Report;
     use crate::generators::own::MotionGenerator as _;
     use crate::generators::paths::{Along, JointPolyline};
     use crate::hw::driver::{self, Switches};
+    use crate::kernel::Message;
     use crate::kernel::programme::Programmes;
     use crate::motion::JointPositions;
     use crate::reach::guard::PlannedMotion;
     use crate::reach::{Meeting, MeetingTable, ReachSettings, example_cell};
     use crate::record::run_hash::RunHash;
+    use nalgebra::Vector3;
 
     /// Returns the parameters of generators whose full speed along the track is too fast for the
     /// zone of the operator's hand.
@@ -700,6 +698,7 @@ mod tests {
             sensors: Vec::new(),
             programmes: Programmes::default(),
             manner: manner(),
+            surroundings: None,
             services: services.clone(),
         };
         let ecps = vec![ecp::spawn("track", parts)];
@@ -785,6 +784,35 @@ mod tests {
 
             assert_eq!(format!("{:?}", mp.parts.apart), format!("Apart({programmes})"));
         }
+    }
+
+    /// A programme has left a tool point 0.6 m below that of the cell, and the point stays where it
+    /// is. The tool of the cell would go 0.6 m down for that, into the table.
+    #[tokio::test(start_paused = true)]
+    async fn path_is_checked_for_tool_that_programme_left() {
+        let (meeting, along) = meeting();
+        let (cell, at) = (example_cell(), along(-0.4));
+        let track = &cell.arms[0];
+        let base_from_tool = track.model.base_from_flange(&at) * track.flange_from_tool;
+        let world_from_tool = track.world_from_base * base_from_tool;
+        let below = world_from_tool.rotation.inverse() * Vector3::new(0.0, 0.0, -0.6);
+        let tool_from_point = Pose::translation(below.x, below.y, below.z);
+        let longer = track.flange_from_tool * tool_from_point;
+        let target = base_from_tool * tool_from_point;
+        let mut stays = [Some(Behaviour::Line { target, speed: 0.5 }), None];
+        let mut mp = standing(guard(), [arm(at), arm(meeting.postument)]);
+        let finish = Finish { achieved: true, reason: String::new() };
+        let message = Message::Ended { effector: 0, finish };
+        mp.programmes.running.push(0);
+        mp.programmes.to_mp.send(Report { message, tool: Some(longer) }).unwrap();
+
+        let before = mp.guard_orders(&mut stays, &[None, None]);
+        // The servo is gone, so MP gets no new state after the message.
+        assert!(mp.receive::<()>(1.0).await.is_err());
+        let after = mp.guard_orders(&mut stays, &[None, None]);
+
+        assert!(before.is_err(), "the tool of the cell would meet the table");
+        assert_eq!((after, mp.programmes.running.len()), (Ok(()), 0));
     }
 
     /// While the operator turns a motor by hand, hands that are apart must stay apart.

@@ -1,12 +1,12 @@
 //! The programmes of ECPs that MP has started: their starts, their signals and their ends.
 //!
 //! - in: the kernel's requests to start a programme, to send a signal, to wait for a message
-//! - out: messages of the ECPs as events for the kernel
+//! - out: messages of the ECPs as events for the kernel; the tool frame that a programme has left
 //!
 //! An effector with a programme is not MP's to order. Its faults end its programme and not the run.
 
 use super::{Coordination, Mp, Stop};
-use crate::actors::ecp::Outbox;
+use crate::actors::ecp::{Outbox, Report};
 use crate::error::{Error, NonFatal};
 use crate::kernel::{Event, Message, Programme, Signal};
 use std::time::Duration;
@@ -57,8 +57,13 @@ impl Mp {
             let next = tokio::time::timeout(LOOK, self.programmes.messages.recv()).await;
             self.heartbeat.works();
             self.fault.occur().await;
-            if let Ok(Some(message)) = next {
-                if let Message::Ended { effector, .. } = &message {
+            if let Ok(Some(Report { message, tool })) = next {
+                let (Message::Signal { effector, .. } | Message::Ended { effector, .. }) = &message;
+                // MP checks the paths of its own orders for the tool that the programme has left.
+                if let Some(last) = self.tools.get_mut(*effector) {
+                    *last = tool;
+                }
+                if matches!(message, Message::Ended { .. }) {
                     self.programmes.running.retain(|running| running != effector);
                 }
                 self.refresh().await?;

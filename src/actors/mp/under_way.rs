@@ -1,14 +1,14 @@
 //! The list of the programmes that MP has started.
 
-use crate::kernel::Message;
+use crate::actors::ecp::Report;
 use tokio::sync::mpsc;
 
 /// Programmes under way, and the mailbox of their messages.
 pub(super) struct Programmes {
     /// Sending end, of which each programme gets a clone.
-    pub(super) to_mp: mpsc::UnboundedSender<Message>,
+    pub(super) to_mp: mpsc::UnboundedSender<Report>,
     /// Mailbox of their messages.
-    pub(super) messages: mpsc::UnboundedReceiver<Message>,
+    pub(super) messages: mpsc::UnboundedReceiver<Report>,
     /// Effectors that carry out a programme.
     pub(super) running: Vec<usize>,
     /// Effectors that have ever carried out a programme. Their faults are not MP's.

@@ -1,11 +1,13 @@
-//! The checks of MP before a motion begins: whether its path is free in the believed cell, and how
-//! fast it may be near the operator's hand.
+//! The checks before a motion begins: whether its path is free in the believed cell, and how fast
+//! it may be near the operator's hand. MP makes them for its own orders, an ECP for those of its
+//! programme.
 //!
 //! - in: the guard, the synchronised arms, the orders
 //! - out: the obstacle that is too near, or whether the hands are to keep apart; slower orders
 //! - thresholds of places and speeds: those of [`crate::reach::guard`]
 
-use crate::actors::move_instruction::Manner;
+use super::move_instruction::Manner;
+use crate::error::NonFatal;
 use crate::generators::Behaviour;
 use crate::generators::legs::{Leg, Legs};
 use crate::generators::own::Forecast;
@@ -23,34 +25,75 @@ const ROUNDS: u32 = 40;
 /// Largest ratio of a speed to its limit that counts as slow enough; it leaves room for rounding.
 const ENOUGH: f64 = 1.0 + 1e-9;
 
-/// State of the arms as the checks need it.
-#[derive(Clone, Copy)]
+/// State of the two guarded arms as the checks need it.
+#[derive(Clone, Copy, Default)]
 pub(super) struct Known<'a> {
     /// States of the synchronised arms.
     pub(super) arms: [Option<&'a ArmState>; 2],
-    /// Tool frame of the cell in the present one of each effector, where a task has changed it.
-    pub(super) tools: &'a [Option<Pose>],
+    /// Tool frame of each arm that is in force (`flange_from_tool`), where a task has changed it.
+    pub(super) tools: [Option<Pose>; 2],
+    /// Parameters of the generators of the arms that have an order.
+    pub(super) manners: [Option<&'a Manner>; 2],
 }
 
 /// Courses that registered generators of the two arms have declared; `None` without one.
 pub(super) type Forecasts = [Option<Arc<Forecast>>; 2];
+
+/// Returns a guard with the present openings of the jaws, from which it concludes which hands hold
+/// a cube.
+pub(super) fn present(guard: &Guard, arms: [Option<&ArmState>; 2]) -> Guard {
+    let mut guard = guard.clone();
+    guard.holding(arms.map(|arm| arm.map(|arm| arm.jaw_opening)));
+    guard
+}
+
+/// Returns the course that the registered generator of an order declares for an arm in the state
+/// `arm`; `None` for any other order, or without a course.
+///
+/// # Errors
+/// If the generator is unknown or refuses its order.
+pub(super) fn forecast(
+    order: &Behaviour,
+    manner: &Manner,
+    arm: &ArmState,
+) -> Result<Option<Arc<Forecast>>, NonFatal> {
+    let Behaviour::Own(own) = order else { return Ok(None) };
+    let forecast = manner.library.forecast(own, &manner.site(arm)).map_err(NonFatal::Arguments)?;
+    Ok(forecast.map(Arc::new))
+}
+
+/// Checks that the ordered motions bring no arm too near an obstacle, and gives more time to those
+/// that are too fast. Returns whether the hands are to keep apart during the motions.
+///
+/// # Errors
+/// The obstacle to which an arm would come too near. The orders stay as they were then.
+pub(super) fn admit(
+    guard: &Guard,
+    known: Known<'_>,
+    orders: &mut [Option<Behaviour>],
+    forecasts: &Forecasts,
+) -> Result<bool, Near> {
+    let apart = check_paths(guard, known, orders, forecasts)?;
+    slow_down(guard, known, orders, forecasts);
+    Ok(apart)
+}
 
 /// Checks that the ordered motions bring no arm too near an obstacle. Returns whether the hands are
 /// to keep apart during the motions.
 ///
 /// # Errors
 /// The obstacle to which an arm would come too near.
-pub(super) fn check_paths(
+fn check_paths(
     guard: &Guard,
     known: Known<'_>,
     orders: &[Option<Behaviour>],
     forecasts: &Forecasts,
 ) -> Result<bool, Near> {
     let from = known.arms.map(|arm| arm.map(|arm| &arm.desired_joints));
-    let ways = paths_of(&known, orders, forecasts, path);
+    let ways = paths_of(guard, known, orders, forecasts, path);
     guard.check_paths(from, ways.each_ref())?;
     // An approach may lead to the other hand: it counts here, though its path is not checked.
-    let led = paths_of(&known, orders, forecasts, longest_path);
+    let led = paths_of(guard, known, orders, forecasts, longest_path);
     Ok(guard.keep_apart(from, led.each_ref()))
 }
 
@@ -58,27 +101,25 @@ pub(super) fn check_paths(
 /// The times of both arms get the same factor, since their paths are free only if both arms have
 /// done the same share of them at each moment. A visual servo keeps its own speed, because its path
 /// is unknown beforehand.
-pub(super) fn slow_down(
+fn slow_down(
     guard: &Guard,
     known: Known<'_>,
-    manners: &[Manner],
     orders: &mut [Option<Behaviour>],
     forecasts: &Forecasts,
 ) {
-    slow_ends(guard, known.arms, manners, orders);
-    let ways = paths_of(&known, orders, forecasts, path);
-    let known = known.arms;
+    slow_ends(guard, known, orders);
+    let ways = paths_of(guard, known, orders, forecasts, path);
+    let Known { arms: known, manners, .. } = known;
     // A duration of 0 marks a behaviour without a known path, which is left as it is.
-    let lasts: [f64; 2] =
-        std::array::from_fn(|i| match (orders.get(i), manners.get(i), known[i]) {
-            (Some(Some(order)), Some(manner), Some(arm)) => {
-                forecasts[i].as_ref().map_or_else(|| manner.seconds(order, arm), |f| f.seconds)
-            }
-            _ => 0.0,
-        });
+    let lasts: [f64; 2] = std::array::from_fn(|i| match (orders.get(i), manners[i], known[i]) {
+        (Some(Some(order)), Some(manner), Some(arm)) => {
+            forecasts[i].as_ref().map_or_else(|| manner.seconds(order, arm), |f| f.seconds)
+        }
+        _ => 0.0,
+    });
     let slower = slow_enough(1.0, |slower| {
         let too_fast = |i: usize| {
-            let (seconds, profile) = (slower * lasts[i], manners.get(i)?.speeds.profile);
+            let (seconds, profile) = (slower * lasts[i], manners[i]?.speeds.profile);
             // The windows of legs are shares of the time, so legs keep their shape when they get
             // more of it, and so does a forecast. The profile of other motions depends on the
             // duration.
@@ -100,7 +141,7 @@ pub(super) fn slow_down(
     for (i, order) in orders.iter_mut().take(2).enumerate().filter(|(i, _)| lasts[*i] > 0.0) {
         if let Some(Behaviour::Own(own)) = order {
             own.fraction /= slower;
-        } else if let (Some(order), Some(manner), Some(arm)) = (order, manners.get(i), known[i]) {
+        } else if let (Some(order), Some(manner), Some(arm)) = (order, manners[i], known[i]) {
             manner.set_duration(order, arm, slower * lasts[i]);
         }
     }
@@ -123,13 +164,8 @@ fn slow_enough(seconds: f64, factor: impl Fn(f64) -> f64) -> f64 {
 /// Slows down only the beginning and the end of joint motions that begin or end near the operator's
 /// hand. The path does not change, and both arms have still done the same share of it at each
 /// moment. Three overlapping legs replace the motion: slow, at full speed, slow.
-fn slow_ends(
-    guard: &Guard,
-    known: [Option<&ArmState>; 2],
-    manners: &[Manner],
-    orders: &mut [Option<Behaviour>],
-) {
-    let moves = JointsMove::of(known, manners, orders);
+fn slow_ends(guard: &Guard, known: Known<'_>, orders: &mut [Option<Behaviour>]) {
+    let moves = JointsMove::of(known, orders);
     // If the other arm has an order of another kind, this motion must keep its course: with legs
     // both arms would no longer have done the same share of their paths.
     let others = orders.iter().flatten().count() > moves.len();
@@ -205,14 +241,10 @@ struct JointsMove<'a> {
 
 impl<'a> JointsMove<'a> {
     /// Returns those of the orders that are joint motions of synchronised arms.
-    fn of(
-        known: [Option<&'a ArmState>; 2],
-        manners: &'a [Manner],
-        orders: &[Option<Behaviour>],
-    ) -> Vec<Self> {
+    fn of(known: Known<'a>, orders: &[Option<Behaviour>]) -> Vec<Self> {
         let of_arm = |arm: usize| match *orders.get(arm)?.as_ref()? {
             Behaviour::Joints { target, speed, seconds } => {
-                let (from, manner) = (&known[arm]?.desired_joints, manners.get(arm)?);
+                let (from, manner) = (&known.arms[arm]?.desired_joints, known.manners[arm]?);
                 Some(Self { arm, from, target, speed, seconds, manner })
             }
             _ => None,
@@ -235,20 +267,22 @@ impl<'a> JointsMove<'a> {
 /// Returns the ordered paths of both arms, each as `path` makes it from order and state. An arm
 /// that is not synchronised counts as staying where it is.
 fn paths_of(
-    known: &Known<'_>,
+    guard: &Guard,
+    known: Known<'_>,
     orders: &[Option<Behaviour>],
     forecasts: &Forecasts,
     path: impl Fn(Option<&Behaviour>, &ArmState) -> PlannedMotion,
 ) -> [PlannedMotion; 2] {
     [0, 1].map(|i: usize| {
         let order = orders.get(i).and_then(Option::as_ref);
-        let changed = known.tools.get(i).copied().flatten();
+        // The guard knows the tool frame of the cell alone, whose body no frame changes.
+        let cell = guard.flange_from_tool(i);
+        let changed = known.tools[i].zip(cell).map(|(tool, cell)| tool.inverse() * cell);
         let path = match (&forecasts[i], known.arms[i]) {
             (Some(course), Some(_)) => PlannedMotion::Forecast(Arc::clone(course)),
             (_, arm) => arm.map_or(PlannedMotion::Stays, |arm| path(order, arm)),
         };
         match (path, changed) {
-            // The guard knows the tool frame of the cell alone.
             (PlannedMotion::Line(to), Some(tool_from_cell)) => {
                 PlannedMotion::Line(to * tool_from_cell)
             }

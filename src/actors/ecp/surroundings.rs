@@ -1,0 +1,200 @@
+//! The surroundings of an effector, against which its ECP checks the motions of a programme.
+//!
+//! - in: the guard of the cell, the states that the EDPs publish, a motion of the programme
+//! - out: the motion, with more time if it is too fast; or the obstacle to which it would lead
+//! - thresholds: those of [`crate::reach::guard`], by the checks of MP (`actors/ways`)
+//!
+//! Another arm counts as staying where its EDP reported it last. If it moves, the lookout keeps the
+//! arms apart. No plan lets the hands of a programme meet another one, so they stay apart on every
+//! path, as the lookout demands while a programme runs.
+
+use crate::actors::lookout::is_known;
+use crate::actors::move_instruction::Manner;
+use crate::actors::ways::{self, Known};
+use crate::error::NonFatal;
+use crate::generators::Behaviour;
+use crate::motion::ArmState;
+use crate::reach::guard::Guard;
+use crate::spatial::Pose;
+use tokio::sync::watch;
+
+/// Cell and arms around an effector.
+#[derive(Debug, Clone)]
+pub struct Surroundings {
+    /// Effector of the ECP.
+    pub effector: usize,
+    /// Guard of the cell.
+    pub guard: Guard,
+    /// States of all arms, as their EDPs publish them.
+    pub states: Vec<watch::Receiver<ArmState>>,
+}
+
+impl Surroundings {
+    /// Checks that a motion of the own arm brings it to no obstacle, and gives the motion more time
+    /// if it is too fast. The arm is in the state `own.0`, and `own.1` is the tool frame in force
+    /// if a task has changed it.
+    ///
+    /// # Errors
+    /// The obstacle to which the arm would come too near, or the reason why a registered generator
+    /// refuses the order.
+    pub(super) fn admit(
+        &self,
+        order: &mut Behaviour,
+        manner: &Manner,
+        own: (&ArmState, Option<Pose>),
+    ) -> Result<(), NonFatal> {
+        let (effector, (arm, tool)) = (self.effector, own);
+        let forecast = ways::forecast(order, manner, arm)?;
+        // The guard knows two arms.
+        if effector > 1 {
+            return Ok(());
+        }
+        let published: Vec<ArmState> = self.states.iter().map(|state| *state.borrow()).collect();
+        let mut known = Known {
+            arms: [0, 1].map(|i| published.get(i).filter(|arm| is_known(arm))),
+            ..Known::default()
+        };
+        known.arms[effector] = Some(arm).filter(|arm| is_known(arm));
+        (known.tools[effector], known.manners[effector]) = (tool, Some(manner));
+        let (mut orders, mut forecasts) = ([None, None], [None, None]);
+        (orders[effector], forecasts[effector]) = (Some(order.clone()), forecast);
+        let guard = ways::present(&self.guard, known.arms).by_hand();
+        ways::admit(&guard, known, &mut orders, &forecasts)
+            .map_err(|near| NonFatal::Arguments(near.to_string()))?;
+        if let Some(admitted) = orders[effector].take() {
+            *order = admitted;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test")]
+mod tests {
+    use super::*;
+    use crate::actors::move_instruction::example_manner;
+    use crate::generators::own::MotionGenerator as _;
+    use crate::generators::paths::{Along, JointPolyline};
+    use crate::motion::{JointPositions, Synchronisation};
+    use crate::reach::{Meeting, MeetingTable, ReachSettings, example_cell};
+
+    /// Returns the state of a synchronised arm that stands at these joint positions.
+    fn standing(joints: JointPositions) -> ArmState {
+        let arm = &example_cell().arms[0];
+        let tool = arm.model.base_from_flange(&joints) * arm.flange_from_tool;
+        let (period, desired_base_from_tool) = (1, tool);
+        ArmState { desired_joints: joints, desired_base_from_tool, period, ..ArmState::default() }
+    }
+
+    /// Passes an order of the track arm, which stands at `from` with the tool frame `tool`, to the
+    /// checks beside an arm in the state `other`. Returns the order that may begin.
+    fn admitted(
+        order: Behaviour,
+        (from, tool): (JointPositions, Option<Pose>),
+        other: ArmState,
+    ) -> Result<Behaviour, String> {
+        let arm = standing(from);
+        let states = vec![watch::channel(arm).1, watch::channel(other).1];
+        let guard = Guard::of(&example_cell(), 0.25);
+        let mut order = order;
+        Surroundings { effector: 0, guard, states }
+            .admit(&mut order, &manner(), (&arm, tool))
+            .map_err(|why| why.to_string())?;
+        Ok(order)
+    }
+
+    /// Returns parameters of generators whose full speed along the track is too fast near the
+    /// operator.
+    fn manner() -> Manner {
+        let mut manner = example_manner();
+        (manner.speeds.joint[0], manner.speeds.joint_acceleration[0]) = (0.5, 1.0);
+        manner
+    }
+
+    /// Returns a joint motion to `target` at full speed.
+    fn to(target: JointPositions) -> Behaviour {
+        Behaviour::Joints { target, speed: 1.0, seconds: 0.0 }
+    }
+
+    /// Returns the first meeting of the hands, and a function that returns the track arm's joint
+    /// positions for a distance along its track from there (m).
+    fn meeting() -> (Meeting, impl Fn(f64) -> JointPositions) {
+        let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
+        let meeting = table.grasps.into_iter().flatten().next().unwrap();
+        let along = move |by: f64| {
+            let mut track = meeting.track;
+            track.0[0] += by;
+            track
+        };
+        (meeting, along)
+    }
+
+    #[test]
+    fn programme_keeps_off_known_arm() {
+        let (meeting, along) = meeting();
+        let other = standing(meeting.postument);
+        let lost = ArmState { synchronisation: Synchronisation::No, ..other };
+        let through = |other| admitted(to(along(0.3)), (along(-0.3), None), other);
+
+        let refused = through(other).unwrap_err();
+        assert!(refused.contains("mm of each other"), "{refused}");
+        assert!(through(lost).is_ok(), "its place is unknown");
+        assert!(admitted(to(along(-0.4)), (along(-0.3), None), other).is_ok());
+        // MP may let the hands meet, because its plan moves both.
+        let meets = admitted(to(meeting.track), (meeting.track_back, None), other).unwrap_err();
+        assert!(meets.contains("the hands come within"), "{meets}");
+        let order = JointPolyline { through: vec![along(0.3)], blend: 0.2, speed: 1.0 };
+        let declared = Along::behaviour("joint_polyline", &order).unwrap();
+        assert!(admitted(declared, (along(-0.3), None), other).is_err());
+    }
+
+    #[test]
+    fn programme_keeps_off_table_with_changed_tool() {
+        let (meeting, along) = meeting();
+        let (at, other) = (along(-0.4), standing(meeting.postument));
+        let cell = example_cell();
+        let stands = standing(at).desired_base_from_tool;
+        let base_from_world = cell.arms[0].world_from_base.inverse();
+        let lower = |by: f64| {
+            let world_from_tool = cell.arms[0].world_from_base * stands;
+            let mut low = world_from_tool;
+            low.translation.vector.z -= by;
+            Behaviour::Line { target: base_from_world * low, speed: 1.0 }
+        };
+
+        let refused = admitted(lower(0.6), (at, None), other).unwrap_err();
+        assert!(refused.contains("of the table"), "{refused}");
+        // The point 0.6 m above the tool goes down by 0.05 m, and so does the tool.
+        assert!(admitted(lower(0.05), (at, None), other).is_ok());
+        let up = stands.inverse() * base_from_world * Pose::translation(0.0, 0.0, 0.6);
+        let tool_from_point = Pose::from_parts(
+            (up * cell.arms[0].world_from_base * stands).translation,
+            nalgebra::UnitQuaternion::identity(),
+        );
+        let raised = cell.arms[0].flange_from_tool * tool_from_point;
+        let Behaviour::Line { target, speed } = lower(0.05) else { panic!() };
+        let of_point = Behaviour::Line { target: target * tool_from_point, speed };
+        assert!(admitted(of_point.clone(), (at, Some(raised)), other).is_ok());
+        let Behaviour::Line { target, speed } = lower(0.6) else { panic!() };
+        let deep = Behaviour::Line { target: target * tool_from_point, speed };
+        assert!(admitted(deep, (at, Some(raised)), other).is_err());
+    }
+
+    #[test]
+    fn fast_motion_near_operator_gets_more_time() {
+        let (meeting, _) = meeting();
+        let other = standing(meeting.postument);
+        let past = |d0: f64| JointPositions([d0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
+        let passes = |speed| {
+            let order = Behaviour::Joints { target: past(0.4), speed, seconds: 0.0 };
+            admitted(order, (past(0.2), None), other).unwrap()
+        };
+
+        let lasts = |order: &Behaviour| manner().seconds(order, &standing(past(0.2)));
+        let (fast, full) = (passes(1.0), lasts(&to(past(0.4))));
+        assert!(lasts(&fast) > 1.2 * full, "{fast:?}, {full} s at full speed");
+        // A motion that is slow enough stays as it was ordered.
+        let slow = Behaviour::Joints { target: past(0.4), speed: 0.1, seconds: 0.0 };
+        assert_eq!(passes(0.1), slow);
+    }
+}
