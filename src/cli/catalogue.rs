@@ -40,6 +40,21 @@ pub(super) fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Sc
     scenario::read(path, text, overrides, catalogue())
 }
 
+/// Reads the scenario of a recording with the tasks of this process. A folder into which the
+/// recorded run wrote need not exist.
+///
+/// # Errors
+/// All faults of the file and of the overrides.
+pub(super) fn read_recorded(
+    path: &Path,
+    text: &str,
+    overrides: &[Override],
+) -> Result<Scenario, Faults> {
+    let mut catalogue = catalogue().clone();
+    catalogue.replays = true;
+    scenario::read(path, text, overrides, &catalogue)
+}
+
 /// Returns every key that a scenario of this process can have.
 pub(super) fn all_keys() -> Vec<Key> {
     scenario::all_keys(catalogue())

@@ -195,7 +195,7 @@ pub(super) fn scenario_of(label: &Label, path: &Path) -> Result<Scenario, String
         options.map(|(option, key, value)| Override { option, key, value }).collect();
     // The files that a scenario names are found from its original path.
     let origin = Path::new(label.fact("scenario"));
-    catalogue::read(origin, &label.scenario, &overrides).map_err(|faults| {
+    catalogue::read_recorded(origin, &label.scenario, &overrides).map_err(|faults| {
         format!("{}: its scenario is not valid in this version:\n{faults}", path.display())
     })
 }

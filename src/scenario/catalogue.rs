@@ -43,6 +43,8 @@ pub struct Catalogue {
     pub programmes: Programmes,
     /// Generators that are registered by name.
     pub generators: Library,
+    /// Whether the scenarios are those of recordings, whose runs write no file.
+    pub replays: bool,
 }
 
 impl fmt::Debug for Catalogue {

@@ -89,6 +89,7 @@ pub fn read(
     let mut reader = Reader {
         everywhere: draft::names(catalogue),
         tasks: catalogue.sections().0.iter().map(|(name, _)| *name).collect(),
+        replays: catalogue.replays,
         ..Reader::default()
     };
     let source =
