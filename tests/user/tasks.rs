@@ -71,7 +71,8 @@ fn push_at_carrier_delays_but_loses_no_bar() {
     assert!(figure(&summary, "placed_off_mm") < 5.0, "{:?}", summary.figures);
 }
 
-/// A bar that one gripper lets go is no success, whatever the controller believes.
+/// A bar that one gripper lets go is no success: the controller stops at once, and the judge, which
+/// knows the plant alone, counts the fall.
 #[test]
 fn dropped_bar_is_no_success() {
     let drop = "fault=[{name=\"d\",kind=\"drop\",arm=\"track\",at_s=8}]";
@@ -79,6 +80,14 @@ fn dropped_bar_is_no_success() {
     let summary = run("carry_bar.toml", &[drop]);
 
     assert_ne!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert!(
+        summary.reason.contains("the hand of arm 0 does not hold the bar"),
+        "{}",
+        summary.reason
+    );
+    assert!(summary.sim_time_s < 8.7, "{} s", summary.sim_time_s);
+    let lost = figure(&summary, "falls") + figure(&summary, "slips");
+    assert!(lost >= 1.0, "{:?}", summary.figures);
 }
 
 #[test]
