@@ -5,6 +5,7 @@
 
 use crate::scenario::catalogue::Catalogue;
 use crate::scenario::fault::Faults;
+use crate::scenario::maker::Maker;
 use crate::scenario::section::Key;
 use crate::scenario::{self, Override, Scenario};
 use crate::tasks;
@@ -53,6 +54,11 @@ pub(super) fn read_recorded(
     let mut catalogue = catalogue().clone();
     catalogue.replays = true;
     scenario::read(path, text, overrides, &catalogue)
+}
+
+/// Returns name, version and tasks of this process's program.
+pub(super) fn program() -> Maker {
+    catalogue().maker()
 }
 
 /// Returns every key that a scenario of this process can have.

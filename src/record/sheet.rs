@@ -19,7 +19,7 @@
 //!
 //! | metadata | contents | written |
 //! |---|---|---|
-//! | `rubik_robot` | version, build, seed, task | at the beginning |
+//! | `rubik_robot` | program, version, build, tasks, seed, task | at the beginning |
 //! | `options` | options that override the scenario | at the beginning |
 //! | `calibration` | cameras, if the run was calibrated | after the calibration |
 //! | `summary`, `timing` | results of the run, timing of the servo | at the end |

@@ -15,6 +15,7 @@ pub mod fault;
 pub(crate) mod injected;
 pub mod keys;
 pub(crate) mod lists;
+pub mod maker;
 pub(crate) mod objects;
 pub(crate) mod plant;
 pub(crate) mod root;
