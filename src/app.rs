@@ -39,8 +39,8 @@ impl App {
     /// `env!("CARGO_PKG_VERSION")`.
     #[must_use]
     pub fn named(mut self, name: &str, version: &str) -> Self {
-        self.program.program = name.to_owned();
-        self.program.version = version.to_owned();
+        name.clone_into(&mut self.program.program);
+        version.clone_into(&mut self.program.version);
         self
     }
 

@@ -261,7 +261,8 @@ impl Composition<'_> {
                 events,
                 judge,
                 length,
-            ),
+            )
+            .showing(scenario, trace.latest()),
             probe: self.probe.take(),
             gate,
             // A verification has no person to watch it and runs at full speed.

@@ -218,8 +218,8 @@ mod tests {
 
     /// Has two arms carry a bar of 0.4 m along [`path`]; the second yields in `yields`, and its
     /// hand is 1 mm beside its place on the bar. Both bases are in the same place. The first hand
-    /// loses the bar before the macrostep `lost`. Returns the outcomes, the greatest force after the
-    /// first second (N), the tools at the end, and the number of macrosteps.
+    /// loses the bar before the macrostep `lost`. Returns the outcomes, the greatest force after
+    /// the first second (N), the tools at the end, and the number of macrosteps.
     fn carry_until(
         lost: usize,
         yields: Selector,

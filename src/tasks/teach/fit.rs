@@ -110,7 +110,7 @@ impl<'a> Choice<'a> {
         self.rounds += 1;
         let mut new: Vec<usize> = worst.iter().map(|(record, ..)| *record).collect();
         if self.rounds > EVENLY {
-            // In a zigzag the worst place is mostly beside an end, which shortens a piece by little.
+            // In a zigzag the worst place is mostly beside an end, so the piece stays long.
             new.extend(worst.iter().map(|(_, _, middle)| *middle));
         }
         new.truncate(self.most - self.ends.len());
