@@ -178,8 +178,8 @@ fn pieces(records: &[Point], ends: &[usize], by: Play, forward: &Forward<'_>) ->
         Play::Spline => {
             let places: Vec<[f64; 3]> = points.iter().map(|p| p.place().into()).collect();
             let apart = |p: &[Point]| (p[1].place() - p[0].place()).norm();
-            let lengths = points.windows(2).map(|p| apart(p).max(1e-6)).collect();
-            curve(&places, lengths, Vector3::from)
+            let lengths: Vec<f64> = points.windows(2).map(|p| apart(p).max(1e-6)).collect();
+            curve(&places, &lengths, Vector3::from)
         }
         Play::JointSpline => {
             let places: Vec<[f64; AXES]> = points.iter().map(|p| p.joints.0).collect();
@@ -187,8 +187,8 @@ fn pieces(records: &[Point], ends: &[usize], by: Play, forward: &Forward<'_>) ->
                 let by = p[0].joints.0.iter().zip(p[1].joints.0).map(|(a, b)| (a - b).abs());
                 by.fold(0.0, f64::max)
             };
-            let lengths = points.windows(2).map(|p| apart(p).max(1e-6)).collect();
-            curve(&places, lengths, |at| forward(&JointPositions(at)).translation.vector)
+            let lengths: Vec<f64> = points.windows(2).map(|p| apart(p).max(1e-6)).collect();
+            curve(&places, &lengths, |at| forward(&JointPositions(at)).translation.vector)
         }
     }
 }
@@ -196,18 +196,12 @@ fn pieces(records: &[Point], ends: &[usize], by: Play, forward: &Forward<'_>) ->
 /// Returns the pieces of a spline through `points`, as places of the tool.
 fn curve<const D: usize>(
     points: &[[f64; D]],
-    lengths: Vec<f64>,
+    lengths: &[f64],
     place: impl Fn([f64; D]) -> Vector3<f64>,
 ) -> Vec<Piece> {
-    let spline = Polynomial::spline(points, &lengths);
-    let mut begin = 0.0;
-    let mut pieces = Vec::new();
-    for length in lengths {
-        let at = |i: u32| place(spline.at(begin + length * f64::from(i) / f64::from(PARTS)));
-        pieces.push((0..=PARTS).map(at).collect());
-        begin += length;
-    }
-    pieces
+    let spline = Polynomial::spline(points, lengths);
+    let at = |piece: usize, i: u32| place(spline.within(piece, f64::from(i) / f64::from(PARTS)));
+    (0..lengths.len()).map(|piece| (0..=PARTS).map(|i| at(piece, i)).collect()).collect()
 }
 
 /// Returns the point through which an arc leads from one record to another.
