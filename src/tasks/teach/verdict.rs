@@ -313,7 +313,7 @@ mod tests {
         };
 
         assert_eq!(right(&[out.clone(), back(0)]), [true; 2]);
-        assert_eq!(right(&[out.clone()]), [false; 2]);
+        assert_eq!(right(std::slice::from_ref(&out)), [false; 2]);
         assert_eq!(right(&[out.clone(), back(70)]), [false; 2]);
     }
 
