@@ -203,6 +203,12 @@ async fn along(robot: &Robot, job: &Job) -> Result<(), Hindrance> {
             orders.push(Some(order.map_err(Hindrance)?));
         }
         let met = robot.behave_all(orders, Until::All).await;
+        // The jaws may open again after they have closed on the edge of the bar that they lost.
+        if let Ok(outcomes) = &met
+            && let Some(arm) = outcomes.iter().position(|o| matches!(o, Some(Outcome::Lost(_))))
+        {
+            return Err(lost(arm));
+        }
         held(robot, job)?;
         match met {
             Ok(outcomes) if outcomes.iter().all(|o| *o == Some(Outcome::Reached)) => return Ok(()),
