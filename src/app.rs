@@ -4,6 +4,7 @@ use crate::cli;
 use crate::generators::own::MotionGenerator;
 use crate::kernel::programme::EcpTask;
 use crate::registry::{DeviceModel, Registry, Sensor, Task, Verdict};
+use crate::scenario::maker::Maker;
 use crate::tasks;
 use std::process::ExitCode;
 
@@ -17,11 +18,12 @@ use std::process::ExitCode;
 #[derive(Debug)]
 pub struct App {
     registry: Registry,
+    program: Maker,
 }
 
 impl Default for App {
     fn default() -> Self {
-        Self { registry: tasks::built_in() }
+        Self { registry: tasks::built_in(), program: Maker::default() }
     }
 }
 
@@ -30,6 +32,16 @@ impl App {
     #[must_use]
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// Names the program in its recordings, journals and campaigns: other programs refuse them by
+    /// this name. It is usually that of the package, `env!("CARGO_PKG_NAME")` and
+    /// `env!("CARGO_PKG_VERSION")`.
+    #[must_use]
+    pub fn named(mut self, name: &str, version: &str) -> Self {
+        name.clone_into(&mut self.program.program);
+        version.clone_into(&mut self.program.version);
+        self
     }
 
     /// Adds a task, which scenarios call `name`; a task of the same name is replaced.
@@ -79,6 +91,8 @@ impl App {
     /// Reads the arguments of the process, carries out the command and returns the exit code.
     #[must_use]
     pub fn main(self) -> ExitCode {
-        cli::main(self.registry.catalogue())
+        let mut catalogue = self.registry.catalogue();
+        catalogue.program = self.program;
+        cli::main(catalogue)
     }
 }

@@ -225,6 +225,7 @@ fn about() -> RunInfo {
         scenario: String::new(),
         options: Vec::new(),
         facts: BTreeMap::new(),
+        objects: Vec::new(),
         start: 0,
         length: Length::default(),
     }

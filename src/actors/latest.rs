@@ -31,6 +31,8 @@ pub struct Latest {
     pub picture: Option<Picture>,
     /// Latest reading of each sensor of a user's own, by the name of its VSP.
     pub sensors: BTreeMap<String, Value>,
+    /// Pose of each loose object in the world, by name, as the simulated plant has it.
+    pub objects: BTreeMap<String, Pose>,
     /// The open question.
     pub question: Option<Question>,
     /// Whether this is a replay; a recording does not hold the orders of the effectors.
@@ -112,6 +114,14 @@ impl LatestValues {
     pub fn lock(&self) -> MutexGuard<'_, Latest> {
         // A writer that panicked leaves values that are still good enough to be shown.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Replaces the poses of the loose objects. The servo's thread calls this, so it skips them
+    /// while another thread holds the lock.
+    pub(crate) fn placed(&self, objects: impl Iterator<Item = (String, Pose)>) {
+        if let Ok(mut latest) = self.0.try_lock() {
+            latest.objects.extend(objects);
+        }
     }
 
     /// Raises the peaks of the arm with the index `arm` to those in `peaks`, where these are

@@ -7,6 +7,7 @@
 //! stopped. A campaign that is extended to more runs appends a second header.
 
 use super::result::RunResult;
+use crate::scenario::maker::Maker;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::{BufRead, Read};
@@ -30,6 +31,12 @@ pub struct Header {
     /// Checksum of the program, since two builds of one version may differ. It is "several" after
     /// a merge of shards from different builds.
     pub build: String,
+    /// Program, and its tasks; `None` in the file of a version that did not name them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub program: Option<Maker>,
+    /// Task of the runs; empty in the file of a version that did not name it.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub task: String,
     /// Path of the scenario, as given.
     pub scenario: String,
     /// Checksum over the scenario's text, and over the scenario as read with the files that it
@@ -148,6 +155,12 @@ impl Header {
         };
         if self.version != other.version {
             return difference("versions of the program", &self.version, &other.version);
+        }
+        // A file without a program may belong to any.
+        if let (Some(a), Some(b)) = (&self.program, &other.program)
+            && (&a.program, &a.version) != (&b.program, &b.version)
+        {
+            return difference("programs", a, b);
         }
         // Before the checksum of the scenario, which covers `--set` as well: this reason says more.
         if self.set != other.set {
@@ -406,6 +419,8 @@ pub(super) mod tests {
     pub(in crate::campaign) fn header(runs: u64, shard: &str) -> Header {
         Header {
             version: "1".into(),
+            program: None,
+            task: String::new(),
             build: "b".into(),
             scenario: "s.toml".into(),
             scenario_sum: "c".into(),
@@ -569,5 +584,24 @@ pub(super) mod tests {
     fn endless_line_is_refused_before_filling_memory() {
         let endless = std::io::BufReader::new(std::io::repeat(b'x'));
         assert!(State::read(endless).unwrap_err().to_string().contains("longer than"));
+    }
+
+    /// A file of an older version names no program, and belongs to any.
+    #[test]
+    fn campaigns_of_two_programs_differ() {
+        let maker = |program: &str| Maker { program: program.to_owned(), ..Maker::default() };
+        let of = |program| Header {
+            program: Some(maker(program)),
+            task: "solve".to_owned(),
+            ..header(9, "1/1")
+        };
+        let (own, other, old) = (of("rubik-robot"), of("own_cell"), header(9, "1/1"));
+
+        let why = own.differs(&other).unwrap_or_default();
+        assert!(why.starts_with("programs: rubik-robot") && why.contains("own_cell"), "{why}");
+        assert_eq!((own.differs(&own), own.differs(&old)), (None, None));
+        for kept in [own, old] {
+            assert_eq!(State::read(first_line(&kept).as_bytes()).unwrap().header, kept);
+        }
     }
 }

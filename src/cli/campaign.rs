@@ -242,6 +242,11 @@ fn read_vary(path: &Path) -> Result<(String, Variations), String> {
     Ok((text, vary))
 }
 
+/// Checks that a campaign is of this program and of one of its tasks.
+fn is_own(header: &Header) -> Result<(), String> {
+    catalogue::program().accepts(header.program.as_ref(), &header.task)
+}
+
 /// Merges state files and reports the result; returns the exit code.
 fn merge(files: &[PathBuf], result: &ResultArgs, output: &mut Output) -> anyhow::Result<u8> {
     result.check().map_err(refuse)?;
@@ -253,6 +258,7 @@ fn merge(files: &[PathBuf], result: &ResultArgs, output: &mut Output) -> anyhow:
         let unusable = |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", path.display()));
         let file = text::open_any(path).map_err(refuse)?;
         let state = State::read(BufReader::new(file)).map_err(|why| unusable(&why))?;
+        is_own(&state.header).map_err(|why| unusable(&why))?;
         if state.torn {
             complain(&format!("{}: its last line was cut off and is left out", path.display()));
         }
@@ -468,6 +474,8 @@ impl Campaign {
         let header = Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             build: crate::record::build(),
+            program: Some(scenario.task.program().clone()),
+            task: scenario.controller.task.word().to_owned(),
             scenario: path.display().to_string(),
             scenario_sum: sum.clone(),
             set: args.set.clone(),
@@ -520,7 +528,10 @@ impl Campaign {
                 written.map_err(|e| e.to_string())?;
             }
             Err(why) => return Err(why.to_string()),
-            Ok(found) => self.continue_from(found, &mut file, path)?,
+            Ok(found) => {
+                is_own(&found.header)?;
+                self.continue_from(found, &mut file, path)?;
+            }
         }
         self.kept = Some(file);
         Ok(())

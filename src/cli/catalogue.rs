@@ -5,6 +5,7 @@
 
 use crate::scenario::catalogue::Catalogue;
 use crate::scenario::fault::Faults;
+use crate::scenario::maker::Maker;
 use crate::scenario::section::Key;
 use crate::scenario::{self, Override, Scenario};
 use crate::tasks;
@@ -38,6 +39,26 @@ pub(super) fn load(path: &Path, overrides: &[Override]) -> Result<Scenario, Faul
 /// All faults of the text and of the overrides.
 pub(super) fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario, Faults> {
     scenario::read(path, text, overrides, catalogue())
+}
+
+/// Reads the scenario of a recording with the tasks of this process. A folder into which the
+/// recorded run wrote need not exist.
+///
+/// # Errors
+/// All faults of the file and of the overrides.
+pub(super) fn read_recorded(
+    path: &Path,
+    text: &str,
+    overrides: &[Override],
+) -> Result<Scenario, Faults> {
+    let mut catalogue = catalogue().clone();
+    catalogue.replays = true;
+    scenario::read(path, text, overrides, &catalogue)
+}
+
+/// Returns name, version and tasks of this process's program.
+pub(super) fn program() -> Maker {
+    catalogue().maker()
 }
 
 /// Returns every key that a scenario of this process can have.

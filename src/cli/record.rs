@@ -71,9 +71,14 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> RunInfo {
     };
     // Only a simulation knows the true state of the cube.
     let truth = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
+    let program = scenario.task.program();
+    let loose = scenario.objects().iter().enumerate().filter(|(_, keys)| !keys.is_fixed());
     // The metadata of MCAP is a map of texts.
     let facts = [
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("program", program.program.clone()),
+        ("program_version", program.version.clone()),
+        ("tasks", program.tasks.join(" ")),
         ("platform", format!("{} {}", std::env::consts::ARCH, std::env::consts::OS)),
         ("scenario", scenario.path.display().to_string()),
         ("task", config.task.word().to_owned()),
@@ -99,6 +104,7 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> RunInfo {
     RunInfo {
         cell: config.cell.clone(),
         scenario: scenario.text.clone(),
+        objects: loose.map(|(i, keys)| (i, keys.link())).collect(),
         options: overrides
             .iter()
             .map(|o| (o.option.clone(), o.key.clone(), o.value.clone()))

@@ -15,6 +15,7 @@ use crate::record::reading::{Label, Piece, Reading};
 use crate::run::SIGNALS;
 use crate::run::show::Show;
 use crate::run::verify::{self, Verified};
+use crate::scenario::maker::Maker;
 use crate::scenario::{Override, Scenario};
 use clap::Args;
 use std::io::BufReader;
@@ -190,19 +191,40 @@ pub(super) fn scenario_of(label: &Label, path: &Path) -> Result<Scenario, String
             "{path}: not a recording of rubik-robot, or cut off before its scenario"
         ));
     }
+    let maker = maker_of(label);
+    catalogue::program()
+        .accepts(maker.as_ref(), label.fact("task"))
+        .map_err(|why| format!("{}: {why}", path.display()))?;
     let options = label.options().into_iter();
     let overrides: Vec<_> =
         options.map(|(option, key, value)| Override { option, key, value }).collect();
     // The files that a scenario names are found from its original path.
     let origin = Path::new(label.fact("scenario"));
-    catalogue::read(origin, &label.scenario, &overrides).map_err(|faults| {
+    catalogue::read_recorded(origin, &label.scenario, &overrides).map_err(|faults| {
         format!("{}: its scenario is not valid in this version:\n{faults}", path.display())
+    })
+}
+
+/// Returns the program that has made a recording; `None` for an old one, which does not name it.
+fn maker_of(label: &Label) -> Option<Maker> {
+    let fact = |name: &str| label.fact(name).to_owned();
+    let tasks = label.fact("tasks").split_whitespace().map(str::to_owned).collect();
+    (!label.fact("program").is_empty()).then(|| Maker {
+        program: fact("program"),
+        version: fact("program_version"),
+        tasks,
     })
 }
 
 /// Checks that the recording is of this version, unless `force`. Warns of another build.
 fn fits(label: &Label, force: bool) -> Result<(), String> {
     let (theirs, ours) = (label.fact("version"), env!("CARGO_PKG_VERSION"));
+    let (own, maker) = (catalogue::program(), maker_of(label));
+    // A program of a user's own has a version beside that of this crate.
+    let (theirs, ours) = match &maker {
+        Some(maker) if theirs == ours => (maker.version.as_str(), own.version.as_str()),
+        _ => (theirs, ours),
+    };
     // Another version may differ on purpose, another build of one version only by accident.
     if theirs != ours {
         let what = format!("the recording is of version {theirs}, this is {ours}");
@@ -214,4 +236,34 @@ fn fits(label: &Label, force: bool) -> Result<(), String> {
         complain("the recording is of another build of this version, which may cause differences");
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns the reason why a recording with these facts is refused; empty if it is read.
+    fn refusal(facts: &[(&str, &str)]) -> String {
+        let facts = facts.iter().map(|(name, fact)| ((*name).to_owned(), (*fact).to_owned()));
+        let metadata = [("rubik_robot".to_owned(), facts.collect())].into();
+        let label = Label { metadata, scenario: "task = \"idle\"\n".to_owned() };
+        scenario_of(&label, Path::new("run.mcap")).err().unwrap_or_default()
+    }
+
+    /// A recording of an older version names no program, and is read if its task is known.
+    #[test]
+    fn recording_of_other_program_is_refused() {
+        let own = [("version", "0.1.0"), ("task", "idle"), ("program", "rubik-robot")];
+        let other = [("version", "0.1.0"), ("program", "own_cell"), ("program_version", "0.3.0")];
+
+        assert_eq!(refusal(&own), "");
+        assert_eq!(refusal(&own[..2]), "");
+        assert_eq!(
+            refusal(&[&other[..], &[("task", "wave")]].concat()),
+            "run.mcap: recorded by own_cell 0.3.0 with task `wave`, which this program does not \
+             have"
+        );
+        let known = refusal(&[&other[..], &[("task", "idle")]].concat());
+        assert!(known.contains("by own_cell 0.3.0, which is another program"), "{known}");
+    }
 }

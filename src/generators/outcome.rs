@@ -47,6 +47,8 @@ pub enum Outcome {
     /// The object in the jaws has forced them apart by this distance since the behaviour began (m):
     /// it turns between them.
     ForcedApart(f64),
+    /// The jaws have closed to this width (m): they have lost what they held.
+    Lost(f64),
     /// MP has ended the behaviour before its own end: the step of the task is over, the partner arm
     /// has reported an alarm, or the operator has terminated the run.
     Ended,
@@ -117,6 +119,9 @@ impl std::fmt::Display for Outcome {
             Self::ForcedApart(way) => {
                 write!(f, "slip: the cube has forced the jaws apart by {:.1} mm", way * 1e3)
             }
+            Self::Lost(width) => {
+                write!(f, "the jaws closed to {:.1} mm: they lost what they held", width * 1e3)
+            }
             Self::Ended => f.write_str("MP ended the motion before its own end"),
             Self::Pulled => f.write_str("the operator pulls"),
             Self::LostSight(seconds) => write!(f, "the cube was out of sight for {seconds:.1} s"),
@@ -149,7 +154,10 @@ impl Outcome {
     /// Returns whether this outcome of one arm ends the behaviour of the partner arm as well.
     #[must_use]
     pub fn alarms(&self) -> bool {
-        matches!(self, Self::OverForce(..) | Self::Oscillates(..) | Self::ForcedApart(_))
+        matches!(
+            self,
+            Self::OverForce(..) | Self::Oscillates(..) | Self::ForcedApart(_) | Self::Lost(_)
+        )
     }
 
     /// Returns an outcome in words, for the operator. `None` stands for a behaviour without an

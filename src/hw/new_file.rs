@@ -11,7 +11,10 @@
 //! | another process writes the file | refused: its lock is on it |
 //! | a killed process has left the file | removed and created again |
 //! | the sync or the rename fails | error; the older file stays as it is |
+//! | a new file's name is taken while it is written | error; the other file stays as it is |
 
+use rustix::fs::{Access, CWD, RenameFlags, access, renameat_with};
+use rustix::io::Errno;
 use rustix::process::geteuid;
 use std::ffi::OsString;
 use std::fs::{self, File, Metadata, TryLockError};
@@ -316,14 +319,74 @@ pub fn replace_with(
     }
 }
 
+/// Writes a file that must not exist yet: the content goes to a file whose name is `path` with
+/// `ending`, is synced, and then gets the name `path`. A kill or a full disk leaves no part of the
+/// content under `path`, and a file that another process creates at `path` meanwhile stays.
+///
+/// # Errors
+/// Error of the operating system, and those of [`create`] and of `write`;
+/// [`ErrorKind::AlreadyExists`] if `path` is taken.
+pub fn write_new(
+    path: &Path,
+    ending: &str,
+    write: impl FnOnce(&mut File) -> io::Result<()>,
+) -> io::Result<()> {
+    if path.symlink_metadata().is_ok() {
+        return Err(refuse(path, ErrorKind::AlreadyExists, "a file has this name"));
+    }
+    let new = beside(path, ending);
+    let mut file = create(&new)?;
+    let written =
+        write(&mut file).and_then(|()| file.sync_data()).and_then(|()| rename_to_free(&new, path));
+    if written.is_err() {
+        let _ = fs::remove_file(&new);
+    }
+    written.and_then(|()| keep_name(path))
+}
+
+/// Gives the file at `beside` the name `path`, which no file may have.
+fn rename_to_free(beside: &Path, path: &Path) -> io::Result<()> {
+    match renameat_with(CWD, beside, CWD, path, RenameFlags::NOREPLACE) {
+        // Some file systems replace whenever they rename. A second name never replaces.
+        Err(Errno::INVAL | Errno::NOSYS | Errno::OPNOTSUPP) => {
+            fs::hard_link(beside, path)?;
+            fs::remove_file(beside)
+        }
+        renamed => renamed.map_err(io::Error::from),
+    }
+}
+
+/// Checks that a new file can be created at `path`: its folder exists, and this user may write it.
+///
+/// # Errors
+/// The reason, with the folder's path.
+pub fn check_folder(path: &Path) -> Result<(), String> {
+    let folder = folder_of(path);
+    let refused = |why: &str| Err(format!("the folder {} {why}", folder.display()));
+    match fs::metadata(folder) {
+        Err(why) if why.kind() == ErrorKind::NotFound => return refused("does not exist"),
+        Err(why) => return refused(&format!("cannot be used: {why}")),
+        Ok(found) if !found.is_dir() => return refused("is a file"),
+        Ok(_) => {}
+    }
+    match access(folder, Access::WRITE_OK | Access::EXEC_OK) {
+        Ok(()) => Ok(()),
+        Err(why) => refused(&format!("cannot be written: {}", io::Error::from(why))),
+    }
+}
+
+/// Returns the folder of a file.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
 /// Syncs the folder of a file, so that the file's name survives a power cut. A sync of the file
 /// itself covers only its content, so a new file could be lost.
 ///
 /// # Errors
 /// Error of the operating system if the folder does not exist. Other errors are only logged.
 pub fn keep_name(path: &Path) -> io::Result<()> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let folder = folder.unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     match File::open(folder).and_then(|folder| folder.sync_all()) {
         Err(why) if why.kind() != ErrorKind::NotFound => {
             // Some file systems and folders cannot be synced. The run is then only as safe as
@@ -427,6 +490,47 @@ mod tests {
         assert!(replace(&taken, ".new", b"new", Sync::No).is_err());
 
         assert!(taken.is_dir() && !beside(&taken, ".new").exists());
+    }
+
+    /// The content is written beside the name. A failure, as on a full disk, and a file that takes
+    /// the name meanwhile leave neither a part nor a changed file.
+    #[test]
+    fn new_file_is_whole_and_replaces_none() {
+        let folder = Folder::new("new-file-whole");
+        let path = folder.0.join("way.toml");
+        let fails = |file: &mut File| {
+            file.write_all(b"half")?;
+            assert!(!path.exists(), "a kill would leave a part");
+            Err(io::Error::from(ErrorKind::StorageFull))
+        };
+        let why = write_new(&path, ".part", fails).unwrap_err();
+        assert_eq!(why.kind(), ErrorKind::StorageFull);
+        assert_eq!(fs::read_dir(&folder.0).unwrap().count(), 0);
+
+        let races = |file: &mut File| file.write_all(b"mine").and(fs::write(&path, "other"));
+        let why = write_new(&path, ".part", races).unwrap_err();
+        assert_eq!(why.kind(), ErrorKind::AlreadyExists, "{why}");
+        assert_eq!(fs::read(&path).unwrap(), b"other");
+        assert_eq!(fs::read_dir(&folder.0).unwrap().count(), 1);
+
+        let free = folder.0.join("free.toml");
+        write_new(&free, ".part", |file| file.write_all(b"mine")).unwrap();
+        assert_eq!(fs::read(&free).unwrap(), b"mine");
+    }
+
+    #[test]
+    fn folder_of_new_file_is_checked() {
+        let folder = Folder::new("new-file-folder");
+        let file = folder.write("file", "");
+
+        check_folder(&folder.0.join("x")).unwrap();
+        check_folder(Path::new("x")).unwrap();
+        let missing = check_folder(&folder.0.join("none/x")).unwrap_err();
+        assert!(missing.ends_with("none does not exist"), "{missing}");
+        assert!(check_folder(&file.join("x")).is_err());
+        // Root may write everywhere, but not there.
+        let why = check_folder(Path::new("/proc/self/x")).err();
+        assert!(geteuid().is_root() || why.is_some_and(|why| why.contains("cannot be written")));
     }
 
     #[test]

@@ -329,7 +329,9 @@ impl Robot {
     ) -> Result<Vec<Option<Outcome>>, Hindrance> {
         match self.port.request(Action::Behave { orders, until }).await {
             Event::Behaved(outcomes) => {
-                let alarm = outcomes.iter().flatten().find(|outcome| outcome.alarms());
+                // A lost object is no matter of the motion: the task decides what it means.
+                let alarms = |met: &&Outcome| met.alarms() && !matches!(met, Outcome::Lost(_));
+                let alarm = outcomes.iter().flatten().find(alarms);
                 alarm.map_or_else(|| Ok(outcomes.clone()), |met| Err(Hindrance(met.to_string())))
             }
             event => Err(unexpected(&event)),

@@ -2,7 +2,8 @@
 //! The page, the terminal, the keys on stdin and a replayed recording share these types.
 //!
 //! - [`Stage`]: the data that do not change in a run (solids, names, limits); sent once
-//! - [`Snapshot`]: the controller's *belief* at one moment; none of it is the plant's truth
+//! - [`Snapshot`]: the controller's *belief* at one moment; only the poses of loose objects in it
+//!   are the plant's truth, and shown as that
 //! - [`Input`]: an input of the operator
 //! - [`Question`]: a question of the controller, with its [`Answer`]
 //! - source: the UI process of Zieliński et al. (2007), p. 369, and the operator's panel there
@@ -21,5 +22,7 @@ pub use snapshot::{
     ActorView, ArmView, CameraView, Class, ControlView, CubeView, HandView, LayerTurn, Mark,
     Message, Net, OutcomeView, PlanLine, Reading, Services, ServoTiming, Snapshot, State,
 };
-pub use solids::{ArmJoints, FRAMES, Shape, Solid, arm_frames, arm_solids, joints_of};
-pub use stage::{ArmStage, CameraStage, Limits, Stage};
+pub use solids::{
+    ArmJoints, FRAMES, Form, Shape, Solid, arm_frames, arm_solids, joints_of, object_solids,
+};
+pub use stage::{ArmStage, CameraStage, Limits, ObjectStage, Stage};

@@ -1,4 +1,5 @@
-//! The controller's belief at one moment, as a user interface (UI) shows it.
+//! The controller's belief at one moment, as a user interface (UI) shows it. The poses of loose
+//! objects alone are the simulated plant's truth.
 
 use super::Question;
 use crate::motion::AXES;
@@ -32,6 +33,10 @@ pub struct Snapshot {
     pub arms: Vec<ArmView>,
     /// Place and appearance of the cube.
     pub cube: CubeView,
+    /// Poses in the world of the loose objects beside the cube, by name. They are the truth of the
+    /// simulated plant, since no controller knows them; empty on hardware.
+    #[serde(default)]
+    pub objects: BTreeMap<String, Pose>,
     /// Cube in the operator's hand, while the stand-alone camera sees it.
     pub hand: Option<HandView>,
     /// All cameras, in the scenario's order.

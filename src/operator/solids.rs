@@ -62,6 +62,61 @@ const DARK: [u8; 3] = [70, 76, 84];
 const METAL: [u8; 3] = [168, 174, 182];
 const PAD: [u8; 3] = [40, 44, 50];
 const FLOOR_STONE: [u8; 3] = [120, 124, 130];
+const LOOSE: [u8; 3] = [186, 148, 84];
+
+/// Number of boxes that draw a contour.
+const SLICES: u32 = 32;
+
+/// Form of a rigid object beside the cube.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Form<'a> {
+    /// Box about its centre.
+    Box,
+    /// Cylinder about its centre, with its axis along z.
+    Cylinder,
+    /// Body on its base with a curved upper side: places along x, and heights above the middle (m).
+    Contour(&'a [[f64; 2]]),
+}
+
+/// Returns the solids of an object with these sizes along x, y, z (m), each with its pose in the
+/// frame of the object. A loose object has another colour than a fixed one.
+#[must_use]
+pub fn object_solids(form: Form<'_>, [x, y, z]: [f64; 3], fixed: bool) -> Vec<Solid> {
+    let colour = if fixed { FLOOR_STONE } else { LOOSE };
+    let solid =
+        |pose: Pose, shape: Shape| Solid { arm: None, frame: 0, pose, shape, colour, jaw: 0 };
+    match form {
+        Form::Box => vec![solid(Pose::identity(), Shape::Box { size: [x, y, z] })],
+        Form::Cylinder => {
+            let shape = Shape::Cylinder { radius: 0.5 * x, length: z };
+            vec![solid(Pose::translation(0.0, 0.0, -0.5 * z), shape)]
+        }
+        Form::Contour(points) => {
+            let width = x / f64::from(SLICES);
+            let slice = |i: u32| {
+                let at = (f64::from(i) + 0.5) * width - 0.5 * x;
+                let height = (z + contour(points, at)).max(1e-3);
+                let shape = Shape::Box { size: [width, y, height] };
+                solid(Pose::translation(at, 0.0, 0.5 * height), shape)
+            };
+            (0..SLICES).map(slice).collect()
+        }
+    }
+}
+
+/// Returns the height of a contour above its middle at the place `x` (m); 0 without points.
+fn contour(points: &[[f64; 2]], x: f64) -> f64 {
+    let after = points.iter().position(|[at, _]| *at >= x);
+    match (after, points) {
+        (_, []) => 0.0,
+        (Some(0), [[_, first], ..]) => *first,
+        (None, [.., [_, last]]) => *last,
+        (Some(i), _) => {
+            let ([from, low], [to, high]) = (points[i - 1], points[i]);
+            low + (high - low) * (x - from) / (to - from).max(1e-9)
+        }
+    }
+}
 
 /// Computes the frames of an arm with these joint positions, in the world and in the order of
 /// [`FRAMES`]. `world_from_base` is the pose of the base as the controller believes it.
@@ -227,6 +282,21 @@ mod tests {
             assert_eq!((joints.flange, joints.tool), (frames[5], frames[6]));
             assert_eq!(joints_of(&frames[1..]), None);
         }
+    }
+
+    #[test]
+    fn object_solids_fill_its_sizes() {
+        let one = |form| object_solids(form, [0.4, 0.06, 0.1], false);
+        assert_eq!(one(Form::Box)[0].shape, Shape::Box { size: [0.4, 0.06, 0.1] });
+        let [cylinder] = one(Form::Cylinder)[..] else { panic!("one solid") };
+        assert!((cylinder.pose.translation.vector.z + 0.05).abs() < 1e-12);
+
+        let hill = [[-0.1, 0.0], [0.0, 0.02], [0.1, 0.0]];
+        let slices = one(Form::Contour(&hill));
+        let top = |solid: &Solid| 2.0 * solid.pose.translation.vector.z;
+        assert_eq!(slices.len(), 32);
+        assert!((top(&slices[0]) - 0.1).abs() < 1e-9 && (top(&slices[16]) - 0.119).abs() < 1e-3);
+        assert!(one(Form::Contour(&[])).iter().all(|solid| (top(solid) - 0.1).abs() < 1e-9));
     }
 
     #[test]

@@ -28,6 +28,9 @@ pub struct Stage {
     pub cameras: Vec<CameraStage>,
     /// Solids with which the cell is drawn.
     pub solids: Vec<Solid>,
+    /// Rigid objects beside the cube, in the scenario's order.
+    #[serde(default)]
+    pub objects: Vec<ObjectStage>,
     /// Edge of the cube (m).
     pub edge: f64,
     /// Pose in the world at which the operator's hand is expected.
@@ -51,6 +54,20 @@ pub struct ArmStage {
     pub opening: (f64, f64),
     /// Names of the poses to which the operator may send the arm by hand.
     pub poses: Vec<String>,
+}
+
+/// A rigid object beside the cube, as the scenario has it.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct ObjectStage {
+    /// Name in the scenario.
+    pub name: String,
+    /// Whether the object never moves. A loose one has its pose in
+    /// [`Snapshot::objects`](super::Snapshot::objects).
+    pub fixed: bool,
+    /// Pose in the world: of a fixed object always, of a loose one at the start.
+    pub pose: Pose,
+    /// Solids with which the object is drawn; their poses are in its frame.
+    pub solids: Vec<Solid>,
 }
 
 /// A camera.

@@ -3,12 +3,13 @@
 //! - in: an entry before each motion that changes the cube, its holder, or the place where the next
 //!   run would look for the cube
 //! - out: one line of JSON per entry, durable before the motion begins; for the next run, the last
-//!   entry
+//!   entry. The first line names the program and the task; a journal of an older version lacks it
 //!
 //! | fault | result |
 //! |---|---|
 //! | a crash cuts off the last line | the entry before it counts: the motion had not begun |
-//! | a crash cuts off the first line | no entry: nothing had begun |
+//! | a crash cuts off the first entry, or the line before it | no entry: nothing had begun |
+//! | another program, or a task that this one does not have | the journal is refused by name |
 //! | the journal can no longer be written | it is marked, so that no run trusts its last entry |
 //! | a line longer than `LONGEST` | reading fails with the number of the line |
 //! | values that no run can have written | reading fails with the number of the line |
@@ -16,6 +17,8 @@
 use crate::hw::storage::{Storage, StorageFault};
 use crate::hw::{new_file, text};
 use crate::kernel::{JournalEntry, Progress};
+use crate::scenario::maker::Maker;
+use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
 use std::fs::{File, TryLockError};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
@@ -84,6 +87,9 @@ pub enum Unreadable {
     /// Line longer than any entry.
     #[error("line {0} is longer than any journal entry: this file is no journal")]
     Long(usize),
+    /// Program that cannot be continued by this one.
+    #[error("{0}")]
+    Foreign(String),
     /// Mark of a run that continued after it could no longer write its journal.
     #[error(
         "the journal is incomplete because its run could not write to it; the run cannot be \
@@ -97,6 +103,17 @@ const LONGEST: u64 = 4096;
 
 /// First bytes of each entry.
 const HEAD: &[u8] = b"{\"doing\":\"";
+
+/// First bytes of the line that names the program.
+const MADE: &[u8] = b"{\"program\":\"";
+
+/// First line of a journal.
+#[derive(Debug, Serialize, Deserialize)]
+struct Made {
+    #[serde(flatten)]
+    maker: Maker,
+    task: String,
+}
 
 /// Whole content of a journal that could no longer be written.
 const GIVEN_UP: &[u8] = b"this journal could not be written to the end of its run\n";
@@ -162,16 +179,49 @@ impl Journal {
         Ok(Self::kept_by(path, Box::new(file)))
     }
 
+    /// Checks that `program` can continue or replace the journal at `path`. A file without the name
+    /// of a program passes.
+    ///
+    /// # Errors
+    /// [`Unreadable::Foreign`] with the names; an error of the operating system.
+    pub fn check_maker(path: &Path, program: &Maker) -> Result<(), Unreadable> {
+        let mut line = Vec::new();
+        match text::open(path) {
+            Ok(file) => BufReader::new(file).take(LONGEST + 1).read_until(b'\n', &mut line)?,
+            Err(why) if why.kind() == io::ErrorKind::NotFound => return Ok(()),
+            Err(why) => return Err(why.into()),
+        };
+        // A line that a crash cut off names no program: no motion had begun.
+        match serde_json::from_slice::<Made>(&line) {
+            Ok(made) => program.accepts(Some(&made.maker), &made.task).map_err(Unreadable::Foreign),
+            Err(_) => Ok(()),
+        }
+    }
+
+    /// Names the program and the task in the first line of a new journal, and returns once it is
+    /// durable.
+    ///
+    /// # Errors
+    /// Error of the operating system; also if the program has too many tasks for a line.
+    pub fn sign(&mut self, program: &Maker, task: &str) -> io::Result<()> {
+        let made = Made { maker: program.clone(), task: task.to_owned() };
+        self.append(serde_json::to_vec(&made)?, MADE)
+    }
+
     /// Writes an entry and returns once it is durable.
     ///
     /// # Errors
     /// Error of the operating system; also if the entry is too long to be read back, or does not
     /// begin with `doing`.
     pub fn write(&mut self, entry: &impl JournalEntry) -> io::Result<()> {
-        let mut line = serde_json::to_vec(entry)?;
+        self.append(serde_json::to_vec(entry)?, HEAD)
+    }
+
+    /// Appends a line that begins with `head`, and returns once it is durable.
+    fn append(&mut self, mut line: Vec<u8>, head: &[u8]) -> io::Result<()> {
         let why = match line.len() as u64 {
             too_long if too_long > LONGEST => Some("the entry is too long"),
-            _ if !line.starts_with(HEAD) => Some("the entry does not begin with `doing`"),
+            _ if !line.starts_with(head) => Some("the entry does not begin with `doing`"),
             _ => None,
         };
         if let Some(why) = why {
@@ -238,7 +288,7 @@ impl Journal {
             Err(why) if why.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(why) => return Err(why.into()),
         };
-        let (mut last, mut torn) = (None, None);
+        let (mut last, mut torn, mut first) = (None, None, 1);
         for line in 1.. {
             let mut bytes = Vec::new();
             // The bound keeps a file without line ends from filling the memory. One more byte than
@@ -254,13 +304,17 @@ impl Journal {
             if bytes.strip_suffix(b"\n").unwrap_or(&bytes).len() as u64 > LONGEST {
                 return Err(Unreadable::Long(line));
             }
+            if line == 1 && bytes.starts_with(MADE) && bytes.ends_with(b"\n") {
+                first = 2;
+                continue;
+            }
             match serde_json::from_slice::<E>(&bytes) {
                 Ok(entry) => {
                     entry.check().map_err(|why| Unreadable::Value { line, why })?;
                     last = Some(entry);
                 }
                 // A crash cut off the very first entry: nothing had begun.
-                Err(why) if line == 1 && why.is_eof() && may_begin_entry(&bytes) => {}
+                Err(why) if line == first && why.is_eof() && may_begin(&bytes) => {}
                 // A run that continued after a crash has left the torn line among whole ones. So a
                 // bad line is an error only in a journal without any entry.
                 Err(why) => torn = torn.or(Some(Unreadable::Line { line, why })),
@@ -273,10 +327,10 @@ impl Journal {
     }
 }
 
-/// Checks whether `bytes` and [`HEAD`], with which each entry begins, agree as far as the shorter
-/// one goes. So the beginning of an entry that a crash cut off passes.
-fn may_begin_entry(bytes: &[u8]) -> bool {
-    bytes.iter().zip(HEAD).all(|(byte, of_an_entry)| byte == of_an_entry)
+/// Checks whether `bytes` and the beginning of an entry or of the first line agree as far as the
+/// shorter one goes. So the beginning of a line that a crash cut off passes.
+fn may_begin(bytes: &[u8]) -> bool {
+    [HEAD, MADE].iter().any(|head| bytes.iter().zip(*head).all(|(byte, of_head)| byte == of_head))
 }
 
 #[cfg(test)]
@@ -331,6 +385,49 @@ mod tests {
     }
 
     /// A first entry that a crash cut off means that nothing had begun.
+    /// The first line may be cut off as well: nothing had begun. An entry that is cut off behind it
+    /// is the first one.
+    #[test]
+    fn signed_journal_is_read_after_a_crash() {
+        let path = place("signed");
+        let maker = Maker { tasks: vec!["solve".to_owned()], ..Maker::default() };
+        let mut journal = open(&path, false).unwrap();
+        journal.sign(&maker, "solve").unwrap();
+        let signed = std::fs::read(&path).unwrap().len();
+        assert_eq!(last(&path).unwrap(), None);
+        journal.write(&entry("closing")).unwrap();
+        drop(journal);
+        assert_eq!(last(&path).unwrap(), Some(entry("closing")));
+        assert_eq!(Journal::interrupted(&path).as_deref(), Some("closing"));
+
+        let whole = std::fs::read(&path).unwrap();
+        for cut in (1..signed - 1).chain(signed..whole.len() - 1) {
+            std::fs::write(&path, &whole[..cut]).unwrap();
+            assert_eq!(last(&path).unwrap(), None, "cut at {cut}");
+            Journal::check_maker(&path, &maker).unwrap();
+        }
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn journal_of_other_program_is_refused() {
+        let path = place("foreign");
+        let own = Maker { tasks: vec!["solve".to_owned()], ..Maker::default() };
+        let tasks = vec!["wave".to_owned()];
+        let other = Maker { program: "own_cell".to_owned(), version: "0.1.0".to_owned(), tasks };
+        open(&path, false).unwrap().sign(&other, "wave").unwrap();
+
+        Journal::check_maker(&path, &other).unwrap();
+        let why = Journal::check_maker(&path, &own).unwrap_err().to_string();
+        assert!(why.contains("by own_cell 0.1.0 with task `wave`, which this program"), "{why}");
+        // An old journal begins with an entry.
+        let mut journal = open(&path, false).unwrap();
+        journal.write(&entry("closing")).unwrap();
+        Journal::check_maker(&path, &own).unwrap();
+        assert_eq!(last(&path).unwrap(), Some(entry("closing")));
+        std::fs::remove_file(path).unwrap();
+    }
+
     #[test]
     fn journal_with_only_a_torn_entry_is_empty() {
         let path = place("first");

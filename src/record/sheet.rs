@@ -5,7 +5,7 @@
 //! | `/ARM/servo` | `rubik_robot_msgs/ServoTick` | each servo period, all inputs and outputs |
 //! | `/joint_states` | `sensor_msgs/JointState` | each 16 ms for each arm |
 //! | `/ARM/wrench` | `geometry_msgs/WrenchStamped` | each 16 ms |
-//! | `/tf` | `tf2_msgs/TFMessage` | each 40 ms, all moving links |
+//! | `/tf` | `tf2_msgs/TFMessage` | each 40 ms, all moving links; true cube and loose objects |
 //! | `/ARM/tool` | `geometry_msgs/PoseStamped` | each 40 ms |
 //! | `/tf_static` | `tf2_msgs/TFMessage` | once |
 //! | `/robot_description` | `std_msgs/String` | once |
@@ -19,7 +19,7 @@
 //!
 //! | metadata | contents | written |
 //! |---|---|---|
-//! | `rubik_robot` | version, build, seed, task | at the beginning |
+//! | `rubik_robot` | program, version, build, tasks, seed, task | at the beginning |
 //! | `options` | options that override the scenario | at the beginning |
 //! | `calibration` | cameras, if the run was calibrated | after the calibration |
 //! | `summary`, `timing` | results of the run, timing of the servo | at the end |
@@ -63,6 +63,8 @@ pub struct RunInfo {
     pub options: Vec<(String, String, String)>,
     /// Facts by name: version, seed, task and others.
     pub facts: BTreeMap<String, String>,
+    /// Loose objects of the simulated cell: index in a scene, and name of the link.
+    pub objects: Vec<(usize, String)>,
     /// Time at which period 0 begins (ns): 0 on the virtual clock, Unix time on the wall clock.
     pub start: u64,
     /// Length of a servo period.
@@ -377,6 +379,16 @@ impl MessageWriter {
         self.pen.put(file, ("/tf", Kind::Transforms), time, |to| {
             standard::transforms(to, time, place.into_iter());
         })?;
+        let objects = self.about.objects.iter().filter_map(|(i, link)| {
+            let object = scene.objects.get(*i).copied().flatten()?;
+            Some(("world", link.as_str(), object.world_from_object))
+        });
+        let objects: Vec<_> = objects.collect();
+        if !objects.is_empty() {
+            self.pen.put(file, ("/tf", Kind::Transforms), time, |to| {
+                standard::transforms(to, time, objects.into_iter());
+            })?;
+        }
         let truth = belief::letters(scene.cube.facelets.iter().map(|c| Some(*c)));
         if truth == self.truth {
             return Ok(());

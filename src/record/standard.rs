@@ -6,8 +6,8 @@
 use super::cdr::{Malformed, Reader, Writer};
 use crate::cell::Intrinsics;
 use crate::operator::Class;
-use crate::spatial::{Pose, Wrench};
-use nalgebra::Vector3;
+use crate::spatial::{Pose, Wrench, is_rigid};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// Writes a `std_msgs/String`.
 pub(crate) fn text(to: &mut Writer, text: &str) {
@@ -37,6 +37,28 @@ pub(crate) fn transforms<'a>(
         vector(to, &pose.translation.vector);
         to.f64s(pose.rotation.coords.as_slice());
     }
+}
+
+/// Reads the pose of each transform of a `tf2_msgs/TFMessage` whose child begins with `prefix`, and
+/// the rest of the child's name.
+///
+/// # Errors
+/// [`Malformed`].
+pub(crate) fn read_transforms(
+    from: &mut Reader<'_>,
+    prefix: &str,
+) -> Result<Vec<(String, Pose)>, Malformed> {
+    let mut found = Vec::new();
+    for _ in 0..from.u32()? {
+        from.header()?;
+        let child = from.string()?.strip_prefix(prefix).map(str::to_owned);
+        let place: [f64; 3] = from.f64s()?;
+        let [x, y, z, w] = from.f64s()?;
+        let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+        let pose = Pose::from_parts(place.into(), rotation);
+        found.extend(child.filter(|_| is_rigid(&pose)).map(|child| (child, pose)));
+    }
+    Ok(found)
 }
 
 /// Writes a `geometry_msgs/WrenchStamped` in the axes of `frame` (N, Nm).

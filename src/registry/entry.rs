@@ -14,6 +14,7 @@ use crate::record::journal::Journal;
 use crate::scenario::ControllerConfig;
 use crate::scenario::catalogue::Declaration;
 use crate::scenario::declared::{Keys, Properties};
+use crate::scenario::maker::Maker;
 use crate::scenario::section::Reader;
 use std::any::Any;
 use std::fmt;
@@ -208,12 +209,19 @@ impl TaskEntry {
         config.sections.get::<T::Keys>(self.section).cloned().unwrap_or_default()
     }
 
-    /// Opens the journal of a run at `path`.
+    /// Opens the journal of a run at `path`, which is to name the `program`.
     ///
     /// # Errors
-    /// If the journal cannot be read or written, or holds an unfinished run that is not resumed.
-    pub fn open(&self, path: &Path, resumes: bool) -> Result<Logbook, String> {
-        (self.open)(path, resumes)
+    /// If the journal cannot be read or written, is that of another program, or holds an unfinished
+    /// run that is not resumed.
+    pub fn open(&self, path: &Path, resumes: bool, program: &Maker) -> Result<Logbook, String> {
+        Journal::check_maker(path, program).map_err(|why| why.to_string())?;
+        let mut logbook = (self.open)(path, resumes)?;
+        // A journal that goes on has its first line already, or is of an older version.
+        if let Some(journal) = logbook.journal.as_mut().filter(|_| logbook.last.is_none()) {
+            journal.sign(program, self.name).map_err(|why| why.to_string())?;
+        }
+        Ok(logbook)
     }
 
     /// Makes the kernel. `has_operator` is whether an operator can be asked.

@@ -7,6 +7,7 @@ use super::task::Task;
 use crate::cube::Facelets;
 use crate::hw::plant::{self, Plant};
 use crate::hw::scene::Scene;
+use crate::kernel::Document;
 use crate::reach::{Meeting, MeetingTable};
 use crate::scenario::ControllerConfig;
 use crate::spatial::Pose;
@@ -67,6 +68,8 @@ pub struct Truth {
     pub verdict: plant::Verdict,
     /// Number of jammed turns.
     pub jams: u32,
+    /// Text files that the task has made. They are its result, as the plant's state is.
+    pub documents: Vec<Document>,
     /// Plant before the first period.
     pub scene_at_start: Scene,
     /// Plant at the end.

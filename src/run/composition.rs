@@ -33,6 +33,7 @@ use crate::error::Error;
 use crate::hw::driver::{Switches, Timing};
 use crate::hw::plant::Verdict;
 use crate::hw::scene::{Scene, SceneArm};
+use crate::kernel::Document;
 use crate::motion::PERIOD;
 use crate::record::last_second::LastSecond;
 use crate::record::playback::Playback;
@@ -97,12 +98,26 @@ impl Beginning {
     }
 
     /// Returns the facts of the plant at the end of a run: these from its beginning, the plant's
-    /// verdict and scene at the end, and the number of jams; `None` for hardware.
-    fn truth(self, end: Option<(Verdict, Scene)>, jams: u32) -> Option<Truth> {
+    /// verdict and scene at the end, the number of jams and the task's files; `None` for hardware.
+    fn truth(
+        self,
+        end: Option<(Verdict, Scene)>,
+        jams: u32,
+        documents: Vec<Document>,
+    ) -> Option<Truth> {
         let Self { start, clearance, bounds, scene } = self;
         let (verdict, scene_at_end) = end?;
         let (start, scene_at_start) = (start?, scene?);
-        Some(Truth { start, clearance, bounds, verdict, jams, scene_at_start, scene_at_end })
+        Some(Truth {
+            start,
+            clearance,
+            bounds,
+            verdict,
+            jams,
+            documents,
+            scene_at_start,
+            scene_at_end,
+        })
     }
 }
 
@@ -199,7 +214,7 @@ impl Composition<'_> {
         if performed.ending.error.is_some() {
             performed.kernel.look_back(&staff.arms());
         }
-        let truth = beginning.truth(end, jams.count());
+        let truth = beginning.truth(end, jams.count(), performed.kernel.account().documents);
         let hash = self.operator.trace.hash();
         let (hash, servo_hash) = (hash.hash(), hash.servo_hash());
         let uncalibrated = self.uncalibrated;
@@ -246,7 +261,8 @@ impl Composition<'_> {
                 events,
                 judge,
                 length,
-            ),
+            )
+            .showing(scenario, trace.latest()),
             probe: self.probe.take(),
             gate,
             // A verification has no person to watch it and runs at full speed.

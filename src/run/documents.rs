@@ -7,15 +7,18 @@
 //! |---|---|
 //! | a file has the name | it stays, and the text goes to a free name: `way.toml`, `way-2.toml` |
 //! | a file cannot be written | a success becomes a failure with this reason |
+//! | a full disk or a kill | no file has the name; a former file stays as it is |
 
+use crate::hw::new_file;
 use crate::kernel::Document;
 use crate::record::summary::{Outcome, Summary};
-use std::fs::File;
 use std::io::{self, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Most names that are tried.
 const NAMES: u32 = 999;
+/// Ending of a file until all of its content is on the disk.
+const PART: &str = ".part";
 
 /// Writes the documents, and puts their paths into the summary. A file that cannot be written
 /// makes a solved task a failed one.
@@ -45,10 +48,11 @@ pub(super) fn write(documents: &[Document], summary: &mut Summary) {
 fn write_new(document: &Document) -> io::Result<PathBuf> {
     for number in 1..=NAMES {
         let path = numbered(&document.path, number);
-        // The exclusive creation neither follows links nor races with other runs.
-        match File::options().write(true).create_new(true).open(&path) {
-            Ok(mut file) => return file.write_all(document.text.as_bytes()).map(|()| path),
-            Err(why) if why.kind() == ErrorKind::AlreadyExists => {}
+        match new_file::write_new(&path, PART, |file| file.write_all(document.text.as_bytes())) {
+            Ok(()) => return Ok(path),
+            // The name is taken, or another run is writing it.
+            Err(why)
+                if matches!(why.kind(), ErrorKind::AlreadyExists | ErrorKind::ResourceBusy) => {}
             Err(why) => return Err(why),
         }
     }
@@ -86,5 +90,21 @@ mod tests {
         assert_eq!(written, ["way-2.toml", "way-3.toml"].map(|name| folder.0.join(name)));
         assert_eq!(fs::read_to_string(&path).unwrap(), "mine");
         assert_eq!(fs::read_to_string(&written[1]).unwrap(), "new");
+    }
+
+    /// Another run has its file open under the temporary name.
+    #[test]
+    fn name_that_another_run_writes_is_passed_over() {
+        let folder = Folder::new("documents-busy");
+        let path = folder.0.join("way.toml");
+        let other = new_file::create(&new_file::beside(&path, PART)).unwrap();
+        let document = Document { path: path.clone(), text: "new".to_owned() };
+
+        assert_eq!(write_new(&document).unwrap(), folder.0.join("way-2.toml"));
+        assert!(!path.exists());
+        // A killed run leaves its temporary file without a lock.
+        drop(other);
+        assert_eq!(write_new(&document).unwrap(), path);
+        assert_eq!(fs::read_dir(&folder.0).unwrap().count(), 2);
     }
 }

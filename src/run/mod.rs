@@ -67,7 +67,7 @@ use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use task::{entry_of, open_logbook, storage};
+use task::{open_logbook, storage};
 use tokio::runtime::Runtime;
 use world::World;
 use world_file::Kept;
@@ -200,7 +200,7 @@ fn carried_out(
     // running, must not be overwritten.
     let claim = |path: &PathBuf| Kept::claim(path, scenario.pace, operator.trace.clone());
     let kept = saved.world.as_ref().map(claim).transpose()?;
-    let logbook = open_logbook(entry_of(scenario)?, &saved)?;
+    let logbook = open_logbook(scenario, &saved)?;
     // Some injected faults act on handles that exist already: the desk's button and the files.
     let faults = InjectedFaults {
         emergency: operator.stop_button.clone(),

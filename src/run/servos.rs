@@ -12,7 +12,7 @@ use super::world::World;
 use super::{recording, settings};
 use crate::actors::clock::Clock;
 use crate::actors::control::Pacer;
-use crate::actors::latest::Seen;
+use crate::actors::latest::{LatestValues, Seen};
 use crate::actors::trace::Trace;
 use crate::emergency_stop::StopButton;
 use crate::error::{Error, Fatal, System, panic_text};
@@ -25,8 +25,8 @@ use crate::record::last_second::LastSecond;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Entry, Recorder};
 use crate::registry::Judge;
-use crate::scenario::ControllerConfig;
 use crate::scenario::keys::{Pace, RealTime};
+use crate::scenario::{ControllerConfig, Scenario};
 use crate::servo::period::Length;
 use crate::servo::{ForceSettings, ServoCommand, ServoConfig};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -63,6 +63,8 @@ pub(super) struct Observer {
     /// Judge of the task, if it has one.
     judge: SharedJudge,
     length: Length,
+    /// Latest values for the UI, if there is one, and index and name of each loose object.
+    shown: Option<(LatestValues, Vec<(usize, String)>)>,
 }
 
 /// Judge that watches the plant while the run goes on; `None` for a task without one.
@@ -78,7 +80,16 @@ impl Observer {
         judge: SharedJudge,
         length: Length,
     ) -> Self {
-        Self { witness, recorder, events, judge, length }
+        Self { witness, recorder, events, judge, length, shown: None }
+    }
+
+    /// Returns the observer that also shows the UI where the loose objects of `scenario` are.
+    pub(super) fn showing(self, scenario: &Scenario, latest: Option<&LatestValues>) -> Self {
+        let objects = scenario.objects().iter().enumerate();
+        let loose = objects.filter(|(_, keys)| !keys.is_fixed());
+        let loose: Vec<_> = loose.map(|(i, keys)| (i, keys.name.clone())).collect();
+        let shown = latest.filter(|_| !loose.is_empty()).map(|latest| (latest.clone(), loose));
+        Self { shown, ..self }
     }
 
     /// Shows the plant's scene to its cameras, and the plant to recording, event log and witness.
@@ -90,6 +101,13 @@ impl Observer {
             self.recorder
                 .record_some(tick, || world.scene().map(|scene| Entry::Scene(Box::new(scene))));
             self.events.look(tick, world.plant());
+            if let (Some((latest, loose)), Some(scene)) = (&self.shown, world.scene()) {
+                let place = |(i, name): &(usize, String)| {
+                    let object = scene.objects.get(*i).copied().flatten()?;
+                    Some((name.clone(), object.world_from_object))
+                };
+                latest.placed(loose.iter().filter_map(place));
+            }
         }
         // The run itself takes these locks at its end only, so the servo's thread never waits.
         if let (Some(judge), Some(plant)) = (&self.judge, world.plant()) {

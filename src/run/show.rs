@@ -22,9 +22,11 @@ use crate::record::summary::Summary;
 use crate::record::tick::Tick;
 use crate::record::{belief, calibration, cdr, standard};
 use crate::scenario::Scenario;
+use crate::scenario::objects::LINK;
 use crate::servo::ServoCommand;
 use crate::servo::io::Outside;
 use crate::servo::period::Length;
+use crate::spatial::Pose;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{Read, Seek};
@@ -70,6 +72,8 @@ enum Event {
     /// Look of a camera: its index, the period in which its sensor was asked, the picture as JPEG,
     /// and the result.
     Sight(usize, u64, Option<Arc<Vec<u8>>>, Found),
+    /// Poses in the world of the plant's loose objects, by name.
+    Objects(Vec<(String, Pose)>),
     /// Reading of a user's own sensor, with the name of its VSP.
     Reading(String, Value),
     /// Beginning of a phase.
@@ -169,6 +173,7 @@ impl Show {
             "/rosout" => self.take_log(time, data),
             "/operator" => self.take_input(time, data),
             "/sensed" => self.take_sensed(time, data, loading),
+            "/tf" => self.take_objects(time, data, loading),
             topic if topic.ends_with("/image") => self.take_picture(data, loading),
             topic if topic.ends_with("/servo") => self.take_tick(time, data, loading),
             // A malformed message makes a recording unreadable, shown or not.
@@ -237,6 +242,21 @@ impl Show {
         loading.looked = Some((camera, self.events.len()));
         let what = Event::Sight(camera, sensed.period, None, found(sensed.found));
         self.push(time, data.len(), what);
+        Ok(())
+    }
+
+    /// Adds the poses of the loose objects, if they have changed.
+    fn take_objects(
+        &mut self,
+        time: f64,
+        data: &[u8],
+        loading: &mut Loading,
+    ) -> Result<(), cdr::Malformed> {
+        let found = standard::read_transforms(&mut cdr::Reader::new(data)?, LINK)?;
+        if !found.is_empty() && found != loading.objects {
+            loading.objects.clone_from(&found);
+            self.push(time, data.len(), Event::Objects(found));
+        }
         Ok(())
     }
 
@@ -370,6 +390,8 @@ struct Loading {
     arms: Vec<(ArmState, Peaks)>,
     /// Camera that looked last, and the index of its event. The message with the picture follows.
     looked: Option<(usize, usize)>,
+    /// Last poses of the loose objects.
+    objects: Vec<(String, Pose)>,
 }
 
 impl Loading {
@@ -378,7 +400,7 @@ impl Loading {
     fn new(cell: &Cell, period: f64) -> Self {
         let arms = cell.arms.iter().map(|_| (ArmState::default(), Peaks::default())).collect();
         let states = Length::of_seconds(period).count(PERIODS_PER_STATE).into();
-        Self { cell: cell.clone(), states, arms, looked: None }
+        Self { cell: cell.clone(), states, arms, looked: None, objects: Vec::new() }
     }
 
     /// Takes a servo tick into the state and the peaks of its arm. Once every `states` periods
@@ -512,6 +534,9 @@ impl<'a> Playhead<'a> {
                 Event::Reading(sensor, reading) => {
                     self.latest.lock().sensors.insert(sensor.clone(), reading.clone());
                 }
+                Event::Objects(objects) => {
+                    self.latest.lock().objects.extend(objects.iter().cloned());
+                }
                 Event::Phase(name) => self.presenter.notice(&Notice::Phase(*at, name.clone())),
                 Event::Message(class, who, text) => {
                     self.presenter.recorded(*at, *class, who, text);
@@ -636,7 +661,11 @@ impl Show {
             Event::Message(Class::Info, _, text) => Some((*time, format!("note: {text}"))),
             Event::Message(_, who, text) => Some((*time, format!("! {who}: {text}"))),
             Event::Operator(words) => Some((*time, format!("operator: {words}"))),
-            Event::Arm(..) | Event::Belief(_) | Event::Sight(..) | Event::Reading(..) => None,
+            Event::Arm(..)
+            | Event::Belief(_)
+            | Event::Sight(..)
+            | Event::Reading(..)
+            | Event::Objects(_) => None,
         })
     }
 }
@@ -766,6 +795,32 @@ mod tests {
             panic!("no picture")
         };
         assert!(image.get_pixel(4, 4)[0].abs_diff(200) < 10);
+    }
+
+    /// The transforms of arms and cube are no objects.
+    #[test]
+    fn replay_shows_recorded_objects() {
+        let mut show = show(Vec::new(), 1.0);
+        let mut loading = Loading::new(&scenario().controller.cell, 0.002);
+        for (time, x) in [(0.1, 0.5), (0.2, 0.5), (0.3, 0.7)] {
+            for child in ["cube", "object_bar"] {
+                let mut writer = cdr::Writer::new(Vec::new());
+                let place = Pose::translation(x, 0.0, 0.0);
+                standard::transforms(&mut writer, 0, [("world", child, place)].into_iter());
+                show.take_objects(time, &writer.bytes(), &mut loading).unwrap();
+            }
+        }
+        assert_eq!(show.events.len(), 2, "a pose that stays is kept once");
+        show.events.push((0.4, Event::Arm(Box::new(record(200)), String::new(), Peaks::default())));
+        let desk = Desk::default().run_end();
+        let mut playhead = Playhead::new(&show, &desk);
+
+        playhead.skip(0.6);
+        playhead.show(0.6, true, 1.0);
+
+        let objects = desk.snapshots.borrow().objects.clone();
+        assert_eq!(objects.keys().collect::<Vec<_>>(), ["bar"]);
+        assert_eq!(objects["bar"], Pose::translation(0.7, 0.0, 0.0));
     }
 
     #[test]

@@ -260,7 +260,7 @@ fn object(keys: &ObjectKeys) -> ObjectConfig {
         friction: keys.friction,
         stiffness: keys.stiffness,
         world_from_object: keys.pose(),
-        fixed: keys.fixed || keys.shape == ObjectKind::Surface,
+        fixed: keys.is_fixed(),
     }
 }
 

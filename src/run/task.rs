@@ -36,10 +36,11 @@ pub(super) fn entry_of(scenario: &Scenario) -> Result<&TaskEntry, Error> {
 ///
 /// # Errors
 /// If the journal cannot be read or written, or holds an unfinished run that is not resumed.
-pub(super) fn open_logbook(task: &TaskEntry, files: &SavedFiles) -> Result<Logbook, Error> {
+pub(super) fn open_logbook(scenario: &Scenario, files: &SavedFiles) -> Result<Logbook, Error> {
     let Some(path) = &files.journal else { return Ok(Logbook::default()) };
     let unusable = |why: String| not_created("journal", &format!("{}: {why}", path.display()));
-    task.open(path, files.resume).map_err(unusable)
+    let program = scenario.task.program();
+    entry_of(scenario)?.open(path, files.resume, program).map_err(unusable)
 }
 
 /// Returns the storage of a journal, in which faults can be injected; `None` without one.

@@ -8,6 +8,7 @@
 
 use super::config::ControllerConfig;
 use super::declared::{ChosenSensor, Keys, Properties, SensorDeclaration, TaskSections};
+use super::maker::Maker;
 use super::section::Reader;
 use crate::generators::own::Library;
 use crate::kernel::programme::Programmes;
@@ -43,6 +44,10 @@ pub struct Catalogue {
     pub programmes: Programmes,
     /// Generators that are registered by name.
     pub generators: Library,
+    /// Name and version of the program; its tasks are those of the catalogue.
+    pub program: Maker,
+    /// Whether the scenarios are those of recordings, whose runs write no file.
+    pub replays: bool,
 }
 
 impl fmt::Debug for Catalogue {
@@ -76,6 +81,13 @@ impl Catalogue {
         self.tasks.iter().map(|task| task.name()).collect()
     }
 
+    /// Returns name, version and tasks of the program.
+    #[must_use]
+    pub fn maker(&self) -> Maker {
+        let tasks = self.names().into_iter().map(str::to_owned).collect();
+        Maker { tasks, ..self.program.clone() }
+    }
+
     /// Returns the sections of all tasks and sensors, each once, with the defaults of their keys.
     #[must_use]
     pub(super) fn sections(&self) -> TaskSections {
@@ -94,15 +106,21 @@ impl Catalogue {
     }
 }
 
-/// Task that a scenario names.
+/// Task that a scenario names, and the program that has read the scenario.
 #[derive(Clone)]
-pub struct ChosenTask(Arc<dyn Declaration>);
+pub struct ChosenTask(Arc<dyn Declaration>, Maker);
 
 impl ChosenTask {
     /// Makes the choice of this task.
     #[must_use]
-    pub(super) fn new(task: Arc<dyn Declaration>) -> Self {
-        Self(task)
+    pub(super) fn new(task: Arc<dyn Declaration>, program: Maker) -> Self {
+        Self(task, program)
+    }
+
+    /// Returns name, version and tasks of the program.
+    #[must_use]
+    pub fn program(&self) -> &Maker {
+        &self.1
     }
 
     /// Returns the declaration of the task.

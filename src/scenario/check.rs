@@ -98,7 +98,8 @@ pub(super) fn opening(gripper: &GripperKeys, path: &str, reader: &mut Reader) {
 
 /// Returns the task with this name; adds a fault if there is none.
 pub(super) fn task(name: &str, catalogue: &Catalogue, reader: &mut Reader) -> Option<ChosenTask> {
-    let found = catalogue.find(name).map(|task| ChosenTask::new(Arc::clone(task)));
+    let found = catalogue.find(name);
+    let found = found.map(|task| ChosenTask::new(Arc::clone(task), catalogue.maker()));
     if found.is_none() {
         let words = catalogue.names();
         let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();

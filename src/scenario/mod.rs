@@ -15,6 +15,7 @@ pub mod fault;
 pub(crate) mod injected;
 pub mod keys;
 pub(crate) mod lists;
+pub mod maker;
 pub(crate) mod objects;
 pub(crate) mod plant;
 pub(crate) mod root;
@@ -89,6 +90,7 @@ pub fn read(
     let mut reader = Reader {
         everywhere: draft::names(catalogue),
         tasks: catalogue.sections().0.iter().map(|(name, _)| *name).collect(),
+        replays: catalogue.replays,
         ..Reader::default()
     };
     let source =

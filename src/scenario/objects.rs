@@ -18,6 +18,8 @@ use crate::hw::scene::MOST_OBJECTS;
 use crate::spatial::Pose;
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
+/// Beginning of the name of an object's link.
+pub(crate) const LINK: &str = "object_";
 /// Depth to which an object may begin in the table (m): the table carries it by sinking in.
 const SINKS: f64 = 5e-4;
 /// Steepest slope of a drawn contour.
@@ -127,6 +129,19 @@ impl ObjectKeys {
         let [roll, pitch, yaw] = self.rpy;
         let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         Pose::from_parts(Translation3::from(self.xyz), rotation)
+    }
+
+    /// Returns whether the object never moves.
+    #[must_use]
+    pub fn is_fixed(&self) -> bool {
+        self.fixed || self.shape == ObjectKind::Surface
+    }
+
+    /// Returns the name of the object's link in URDF and of its frame in recordings. The names of
+    /// arms, cameras and objects are three lists of their own.
+    #[must_use]
+    pub fn link(&self) -> String {
+        format!("{LINK}{}", self.name)
     }
 
     /// Returns the height of the object's lowest point at the start (m).

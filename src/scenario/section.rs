@@ -103,6 +103,8 @@ pub struct Reader {
     pub everywhere: Vec<String>,
     /// Names of the tasks' sections, which the top level has beside its own.
     pub tasks: Vec<&'static str>,
+    /// Whether the scenario is that of a recording: the run is over, and writes no file.
+    pub replays: bool,
 }
 
 impl Reader {

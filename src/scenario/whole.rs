@@ -3,6 +3,7 @@
 use super::catalogue::ChosenTask;
 use super::config::{ControllerConfig, PlantSection};
 use super::keys::{Bridge, Pace, RealTime};
+use super::objects::ObjectKeys;
 use crate::cube::{Cube, Facelets};
 use crate::hw::devices::{Devices, NoDevice};
 use crate::motion::PERIOD;
@@ -41,6 +42,13 @@ impl Scenario {
     pub fn at_usual_period(&self) -> Self {
         let real_time = RealTime { period: PERIOD, ..self.real_time.clone() };
         Self { real_time, ..self.clone() }
+    }
+
+    /// Returns the rigid objects beside the cube, for pictures of the cell. The controller does not
+    /// know them.
+    #[must_use]
+    pub fn objects(&self) -> &[ObjectKeys] {
+        &self.plant.objects
     }
 
     /// Returns the number of periods missed in a row after which the arms brake and stop.

@@ -214,6 +214,7 @@ fn recording_and_report_state_number_of_lost_messages() {
         scenario: "task = \"idle\"".to_owned(),
         options: Vec::new(),
         facts: [("version".to_owned(), "0".to_owned())].into(),
+        objects: Vec::new(),
         start: 0,
         length: rubik_robot::servo::period::Length::default(),
     };

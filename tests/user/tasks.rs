@@ -1,9 +1,13 @@
 //! The tasks other than those of the cube, under virtual time.
 
 use crate::missions::run;
+use nalgebra::Vector3;
+use rubik_robot::desk::Desk;
 use rubik_robot::record::summary::{Outcome, Summary};
+use rubik_robot::run::{RunContext, RunOptions, run_with};
 use rubik_robot::scenario::Override;
 use std::path::Path;
+use std::sync::{Arc, Mutex};
 
 #[test]
 fn patrol_goes_its_rounds_without_coordination() {
@@ -71,7 +75,8 @@ fn push_at_carrier_delays_but_loses_no_bar() {
     assert!(figure(&summary, "placed_off_mm") < 5.0, "{:?}", summary.figures);
 }
 
-/// A bar that one gripper lets go is no success, whatever the controller believes.
+/// A bar that one gripper lets go is no success: the controller stops at once, and the judge, which
+/// knows the plant alone, counts the fall.
 #[test]
 fn dropped_bar_is_no_success() {
     let drop = "fault=[{name=\"d\",kind=\"drop\",arm=\"track\",at_s=8}]";
@@ -79,6 +84,48 @@ fn dropped_bar_is_no_success() {
     let summary = run("carry_bar.toml", &[drop]);
 
     assert_ne!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    assert!(
+        summary.reason.contains("the hand of arm 0 does not hold the bar"),
+        "{}",
+        summary.reason
+    );
+    assert!(summary.sim_time_s < 10.0, "{} s", summary.sim_time_s);
+    let lost = figure(&summary, "falls") + figure(&summary, "slips");
+    assert!(lost >= 1.0, "{:?}", summary.figures);
+}
+
+/// The page shows the bar where the plant has it when it lies at its new place, and the trestle
+/// where the scenario has it.
+#[test]
+fn page_shows_bar_where_plant_has_it() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/carry_bar.toml");
+    let scenario = rubik_robot::tasks::load(&path, &[]).unwrap();
+    let desk = Desk::default();
+    let place = Arc::new(Mutex::new(Vector3::zeros()));
+    let truth = Arc::clone(&place);
+    let context = RunContext {
+        desk: Some(desk.run_end()),
+        probe: Some(Box::new(move |_, plant| {
+            let bar = plant.objects().find(|object| &*object.name == "bar").unwrap();
+            *truth.lock().unwrap() = bar.world_from_object.translation.vector;
+        })),
+        ..RunContext::default()
+    };
+    let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
+
+    let summary = run_with(&scenario, options, context).unwrap();
+
+    assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+    let ui = desk.ui_end();
+    let stage = ui.stage.borrow();
+    let fixed: Vec<_> =
+        stage.objects.iter().map(|object| (&object.name[..], object.fixed)).collect();
+    assert_eq!(fixed, [("bar", false), ("trestle", true)]);
+    let shown = ui.snapshots.borrow().objects["bar"].translation.vector;
+    let off = (shown - *place.lock().unwrap()).norm();
+    assert!(off < 1e-4, "{off} m");
+    let moved = (shown - stage.objects[0].pose.translation.vector).norm();
+    assert!(moved > 0.1, "{moved} m");
 }
 
 #[test]

@@ -162,6 +162,23 @@ fn missing_or_wrong_way_is_refused_before() {
     assert!(faults(&["teach.arm=left"]).contains("there is no effector \"left\""));
 }
 
+/// A lesson whose file cannot be written is refused before the arm is led, with line and reason. A
+/// replay writes no file.
+#[test]
+fn missing_folder_is_refused_before_the_lesson() {
+    let folder = Folder::new("folder");
+    let text = "task = \"teach\"\n[teach]\nfile = \"none/way.toml\"\n";
+    let path = folder.0.join("t.toml");
+    let mut catalogue = rubik_robot::tasks::built_in().catalogue();
+
+    let faults = rubik_robot::scenario::read(&path, text, &[], &catalogue).unwrap_err().to_string();
+
+    assert!(faults.contains("t.toml:3:8: `teach.file`: the folder"), "{faults}");
+    assert!(faults.contains("none does not exist"), "{faults}");
+    catalogue.replays = true;
+    assert!(rubik_robot::scenario::read(&path, text, &[], &catalogue).is_ok());
+}
+
 /// A push in playback stops the arm. It begins the way again.
 #[test]
 fn pushed_arm_plays_the_way_again() {

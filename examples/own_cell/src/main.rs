@@ -14,6 +14,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     App::new()
+        .named(env!("CARGO_PKG_NAME"), env!("CARGO_PKG_VERSION"))
         .task::<wave::Wave>("wave")
         .verdict::<wave::BackAgain>()
         .programme::<wave::WaveAlone>("wave_alone")

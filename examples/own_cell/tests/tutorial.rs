@@ -51,6 +51,17 @@ fn blocks_of_tutorial_are_lines_of_the_example() {
     }
 }
 
+/// The tutorial ends with the number of lines of its parts, as `scripts/lines` counts them.
+#[test]
+fn table_of_tutorial_counts_its_code() {
+    let script = folder().join("../../scripts/lines");
+    let output = Command::new(script).output().unwrap();
+
+    let table = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(table.lines().count(), 6, "{table}");
+    assert!(tutorial().ends_with(&table), "the tutorial does not end with:\n{table}");
+}
+
 /// Each command of the tutorial ends as the tutorial says: with exit code 0, or the code in its
 /// comment.
 #[test]

@@ -1,5 +1,5 @@
 //! The presenter: makes the operator's snapshots from notices and the latest values. They show the
-//! controller's belief, never the plant's truth.
+//! controller's belief, never the plant's truth, except where loose objects are.
 //!
 //! - in: notices, messages of a recording, the [`LatestValues`], the operator's control
 //! - out: a [`View`]: the snapshot, and stage and pictures if they are new
@@ -257,6 +257,7 @@ impl Presenter {
             actors,
             arms,
             cube,
+            objects: moment.objects,
             hand,
             cameras: self.views.clone(),
             net: picture.net,

@@ -3,6 +3,7 @@
 use crate::actors::latest::{ArmLatest, Latest};
 use crate::kernel::Picture;
 use crate::operator::{Question, ServoTiming};
+use crate::spatial::Pose;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -18,6 +19,8 @@ pub(super) struct Moment {
     pub(super) picture: Option<Picture>,
     /// Latest reading of each sensor of a user's own.
     pub(super) sensors: BTreeMap<String, Value>,
+    /// Pose of each loose object in the simulated plant.
+    pub(super) objects: BTreeMap<String, Pose>,
     /// Activity of MP.
     pub(super) mp: &'static str,
     /// Whether the operator may move arms by hand.
@@ -49,6 +52,7 @@ impl Moment {
             servo,
             picture: latest.picture.clone(),
             sensors: latest.sensors.clone(),
+            objects: latest.objects.clone(),
             mp: latest.mp,
             manual: latest.manual,
             orders: (!latest.replayed).then(|| latest.orders.clone()),

@@ -6,8 +6,11 @@
 use crate::cell::{Arm, Camera, Cell, Mount};
 use crate::cube::Keeper;
 use crate::motion::{JointPositions, MotorPositions};
-use crate::operator::{ArmStage, CameraStage, Limits, Stage, arm_solids};
+use crate::operator::{
+    ArmStage, CameraStage, Form, Limits, ObjectStage, Stage, arm_solids, object_solids,
+};
 use crate::scenario::Scenario;
+use crate::scenario::objects::{ObjectKeys, ObjectKind};
 use crate::spatial::Pose;
 
 /// Returns the facts about a scenario and its cell that the user interfaces need and that do not
@@ -37,6 +40,7 @@ pub(crate) fn stage(scenario: &Scenario) -> Stage {
         arms: cell.arms.iter().map(arm).collect(),
         cameras: cameras(cell),
         solids: arm_solids(cell),
+        objects: scenario.objects().iter().map(object).collect(),
         edge: cell.cube.edge,
         hand_zone: (hands_over && cell.keeper == Keeper::Person)
             .then_some(cell.hand.world_from_cube),
@@ -46,6 +50,19 @@ pub(crate) fn stage(scenario: &Scenario) -> Stage {
             period: scenario.real_time.period,
         },
     }
+}
+
+/// Returns an object of a scenario with the solids that draw it.
+fn object(keys: &ObjectKeys) -> ObjectStage {
+    let form = match keys.shape {
+        ObjectKind::Box | ObjectKind::Bar => Form::Box,
+        ObjectKind::Cylinder => Form::Cylinder,
+        // A contour that the seed draws is not known here, and appears flat.
+        ObjectKind::Surface => Form::Contour(keys.points.as_deref().unwrap_or_default()),
+    };
+    let fixed = keys.is_fixed();
+    let solids = object_solids(form, keys.size, fixed);
+    ObjectStage { name: keys.name.clone(), fixed, pose: keys.pose(), solids }
 }
 
 /// Returns the cameras of a cell, each with its pose in the world or on its arm's flange.
@@ -74,4 +91,26 @@ pub(crate) fn poses(arm: &Arm) -> Vec<(String, JointPositions)> {
     // "front" is one constant for all arms, and may lie outside the limits of some.
     poses.retain(|(_, joints)| arm.model.check(joints).is_ok());
     poses
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn stage_has_objects_of_scenario() {
+        let text = "task = \"idle\"\n[[object]]\nname = \"can\"\nshape = \"cylinder\"\n\
+                    xyz_mm = [900, 1000, 1500]\n[[object]]\nname = \"hill\"\n\
+                    shape = \"surface\"\npoints_mm = [[-30, 0], [30, 5]]\n\
+                    xyz_mm = [900, 500, 1500]\n";
+        let scenario = crate::tasks::read(Path::new("t.toml"), text, &[]).unwrap();
+
+        let [can, hill] = &stage(&scenario).objects[..] else { panic!("two objects") };
+
+        assert!(!can.fixed && hill.fixed);
+        assert_eq!((can.name.as_str(), can.solids.len()), ("can", 1));
+        assert_eq!(can.pose, Pose::translation(0.9, 1.0, 1.5));
+        assert!(hill.solids.len() > 10, "the contour is drawn in slices");
+    }
 }

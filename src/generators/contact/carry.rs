@@ -8,7 +8,8 @@
 //! on the full speeds alone, so arms with equal speeds are at the same place of the path at each
 //! moment. One of them holds all directions and leads, the others yield, so that an error e of a
 //! grip costs no lasting force: it fades with the admittance. A difference d of the velocities
-//! costs the force d over admittance. A force beyond the ordered bound ends the motion of both.
+//! costs the force d over admittance. A force beyond the ordered bound ends the motion of both, and
+//! so does a jaw that has closed below the ordered width: it has lost the body.
 
 use super::super::compliance::{Compliance, Selector};
 use super::super::inputs::Inputs;
@@ -41,6 +42,9 @@ pub struct CarryOrder<O> {
     /// Greatest force and torque of the tool (N, Nm). At one beyond, the motion ends with
     /// [`Outcome::OverForce`].
     pub bound: (f64, f64),
+    /// Width of the jaws that hold the body, at least (m). At a narrower jaw the motion ends with
+    /// [`Outcome::Lost`].
+    pub least_width: f64,
 }
 
 /// Motion along a path with yielding directions.
@@ -53,6 +57,7 @@ pub struct Carry<O> {
     step: f64,
     yields: Selector,
     bound: (f64, f64),
+    least_width: f64,
     /// Poses of the tool on the path at the ends of the present macrostep and of the one before.
     at: Pose,
     before: Pose,
@@ -63,12 +68,13 @@ impl<O: PathOrder> MotionGenerator for Carry<O> {
     type Order = CarryOrder<O>;
 
     fn begin(order: CarryOrder<O>, site: &Site<'_>) -> Result<Self, String> {
-        let CarryOrder { path, tool_from_body, lever, yields, bound } = order;
+        let CarryOrder { path, tool_from_body, lever, yields, bound, least_width } = order;
         if !(is_rigid(&tool_from_body) && lever >= 0.0 && lever.is_finite()) {
             return Err("the body is at no finite place in the tool".to_owned());
         }
         positive("the bound of the force", bound.0)?;
         positive("the bound of the torque", bound.1)?;
+        positive("the least width", least_width)?;
         let at = site.arm.desired_base_from_tool;
         // The path begins at the body.
         let arm = ArmState { desired_base_from_tool: at * tool_from_body, ..*site.arm };
@@ -87,6 +93,7 @@ impl<O: PathOrder> MotionGenerator for Carry<O> {
             step: site.step(),
             yields,
             bound,
+            least_width,
             at,
             before: at,
             order: std::marker::PhantomData,
@@ -98,6 +105,9 @@ impl<O: PathOrder> MotionGenerator for Carry<O> {
     }
 
     fn next(&mut self, inputs: &Inputs<'_>) -> Next {
+        if inputs.arm.jaw_opening < self.least_width {
+            return Next::Done(Outcome::Lost(inputs.arm.jaw_opening));
+        }
         let Wrench { force, torque } = inputs.arm.wrench_in_tool;
         for (first, vector, most) in [(0, force, self.bound.0), (3, torque, self.bound.1)] {
             if vector.norm() > most {
@@ -200,16 +210,28 @@ mod tests {
         Polyline { through: vec![corner, end], radius: 0.03, speed: 0.8 }
     }
 
-    /// Has two arms carry a bar of 0.4 m along [`path`]; the second yields in `yields`, and its
-    /// hand is 1 mm beside its place on the bar. Both bases are in the same place. Returns the
-    /// outcomes, the greatest force after the first second (N), and the tools at the end.
+    /// Has two arms carry a bar as [`carry_until`] does, which neither loses.
     fn carry(yields: Selector, bound: f64) -> ([Option<Outcome>; 2], f64, [Pose; 2]) {
+        let (outcomes, most, tools, _) = carry_until(usize::MAX, yields, bound);
+        (outcomes, most, tools)
+    }
+
+    /// Has two arms carry a bar of 0.4 m along [`path`]; the second yields in `yields`, and its
+    /// hand is 1 mm beside its place on the bar. Both bases are in the same place. The first hand
+    /// loses the bar before the macrostep `lost`. Returns the outcomes, the greatest force after
+    /// the first second (N), the tools at the end, and the number of macrosteps.
+    fn carry_until(
+        lost: usize,
+        yields: Selector,
+        bound: f64,
+    ) -> ([Option<Outcome>; 2], f64, [Pose; 2], usize) {
         let grips = [-0.2, 0.2].map(|x| Pose::translation(x, 0.0, 0.0));
         let mut arms = grips.map(Arm::at);
         let mut off = grips[1];
         off.translation.vector.y += 0.001;
         let grips = [grips[0], off];
-        let mut states = [0, 1].map(|i: usize| arms[i].state(Vector3::zeros()));
+        let held = |arm: ArmState| ArmState { jaw_opening: 0.057, ..arm };
+        let mut states = [0, 1].map(|i: usize| held(arms[i].state(Vector3::zeros())));
         let mut carriers =
             [([false; 6], -0.2), (yields, 0.2)].map(|(yields, x): (Selector, f64)| {
                 let order = CarryOrder {
@@ -218,6 +240,7 @@ mod tests {
                     lever: 0.2,
                     yields,
                     bound: (bound, 10.0),
+                    least_width: 0.05,
                 };
                 let arm = &states[usize::from(x > 0.0)];
                 let site = Site { compliance: compliance(), speeds: speeds(), arm, fraction: 1.0 };
@@ -225,6 +248,9 @@ mod tests {
             });
         let (mut outcomes, mut most, mut step) = ([None, None], 0.0_f64, 0);
         while outcomes.iter().all(Option::is_none) {
+            if step >= lost {
+                states[0].jaw_opening = 0.04;
+            }
             let mut motions = [Motion::Hold; 2];
             for i in 0..2 {
                 let inputs = Inputs { arm: &states[i], target: None, period: 0, pace: 1.0 };
@@ -239,7 +265,7 @@ mod tests {
                 let apart = arms[1].pose.translation.vector - there.translation.vector;
                 let force = STIFF * apart;
                 if period == 6 {
-                    states = [arms[0].state(-force), arms[1].state(force)];
+                    states = [arms[0].state(-force), arms[1].state(force)].map(held);
                 }
                 arms[0].period(&motions[0], -force);
                 arms[1].period(&motions[1], force);
@@ -247,7 +273,17 @@ mod tests {
             }
             step += 1;
         }
-        (outcomes, most, arms.map(|arm| arm.pose))
+        (outcomes, most, arms.map(|arm| arm.pose), step)
+    }
+
+    /// The loss ends the motion in the macrostep in which the jaw is narrower, and alarms the
+    /// partner.
+    #[test]
+    fn lost_body_ends_motion_at_once() {
+        let (outcomes, .., steps) = carry_until(20, [false; 6], 25.0);
+
+        assert_eq!((outcomes[0].clone(), steps), (Some(Outcome::Lost(0.04)), 21));
+        assert!(outcomes[0].as_ref().is_some_and(Outcome::alarms) && outcomes[1].is_none());
     }
 
     #[test]

@@ -109,6 +109,12 @@ impl<const D: usize> Polynomial<D> {
         [0.0; D]
     }
 
+    /// Returns the point at a share (0 to 1) of a piece, without the search of [`Polynomial::at`].
+    #[must_use]
+    pub fn within(&self, piece: usize, share: f64) -> [f64; D] {
+        self.pieces.get(piece).map_or([0.0; D], |piece| piece.at(0, share * piece.length))
+    }
+
     /// Returns the lengths of the cells, each with the bounds of the first three derivatives. The
     /// function `norm` measures a part of the dimensions, and each of `norms` gives a bound.
     ///

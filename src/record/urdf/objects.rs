@@ -30,12 +30,10 @@ impl Model {
             let solid = Solid { link_from_solid, shape, colour: PAINT };
             let volume = Inertial::of_solid(&solid, 1.0).mass;
             let inertial = Inertial::of_solid(&solid, keys.mass / volume);
-            // The names of arms, cameras and objects are three lists of their own.
-            let name = format!("object_{}", keys.name);
+            let name = keys.link();
             self.link(&name, vec![solid]);
             self.weigh(&name, inertial);
-            let fixed = keys.fixed || surface;
-            let kind = if fixed { JointKind::Fixed } else { JointKind::Floating };
+            let kind = if keys.is_fixed() { JointKind::Fixed } else { JointKind::Floating };
             self.joint("world", &name, keys.pose(), kind);
         }
         self

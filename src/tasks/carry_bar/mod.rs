@@ -10,7 +10,7 @@
 //! |---|---|
 //! | force beyond `stop_force`, such as a push | both yield for a moment, then go on from there |
 //! | the same, more than `TRIES` times | the task fails; both hands hold |
-//! | jaws that hold nothing any more | the task fails with the arm's number |
+//! | jaws that hold nothing any more | both stop at once; the task fails with the arm's number |
 //!
 //! - in: the believed place of the bar, the way
 //! - out: motions of both arms; the greatest force at the wrists for the summary
@@ -197,11 +197,18 @@ async fn along(robot: &Robot, job: &Job) -> Result<(), Hindrance> {
                 lever: 0.5 * job.keys.span,
                 yields,
                 bound: (job.keys.stop_force, job.stop_torque),
+                least_width: LEAST_WIDTH * job.keys.width,
             };
             let order = Carry::<Polyline>::behaviour("carry_polyline", &order);
             orders.push(Some(order.map_err(Hindrance)?));
         }
         let met = robot.behave_all(orders, Until::All).await;
+        // The jaws may open again after they have closed on the edge of the bar that they lost.
+        if let Ok(outcomes) = &met
+            && let Some(arm) = outcomes.iter().position(|o| matches!(o, Some(Outcome::Lost(_))))
+        {
+            return Err(lost(arm));
+        }
         held(robot, job)?;
         match met {
             Ok(outcomes) if outcomes.iter().all(|o| *o == Some(Outcome::Reached)) => return Ok(()),

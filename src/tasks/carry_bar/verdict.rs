@@ -118,6 +118,8 @@ impl BarCarried {
             .with("placed_off_mm", off * 1e3)
             .with("placed_turned_deg", turned.to_degrees())
             .with("lifted_mm", self.lifted * 1e3)
+            .with("falls", falls)
+            .with("slips", bar.slips)
             .with("carried_s", internal.periods as f64 * crate::motion::PERIOD)
     }
 }
@@ -125,6 +127,7 @@ impl BarCarried {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hw::plant::{Internal, TouchTruth};
 
     /// The way has two points 100 mm apart, 100 mm above the start.
     #[test]
@@ -139,5 +142,37 @@ mod tests {
         assert_eq!(missed(&[[0.1, 0.02, 0.1], [0.2, 0.0, 0.1]]), 0);
         assert_eq!(missed(&[[0.1, 0.0, 0.1]]), 1);
         assert_eq!(missed(&[[0.1, 0.0, 0.0], [0.2, 0.0, 0.0]]), 2, "never lifted");
+    }
+
+    /// A bar at its place that has fallen or slipped on its way is not carried as ordered.
+    #[test]
+    fn fallen_bar_at_its_place_is_wrong() {
+        let keys = Keys { way: vec![[0.1, 0.0]], turns: vec![0.0], ..Keys::default() };
+        let start = Vector3::new(0.6, 1.0, 0.9);
+        let internal = Internal { periods: 1, ..Internal::default() };
+        let bar = |slips| ObjectTruth {
+            name: BAR.into(),
+            world_from_object: upright(start + Vector3::new(0.1, 0.0, 0.0), keys.bar_yaw),
+            state: ObjectState::Resting,
+            held_by: [false; 2],
+            force: [0.0; 2],
+            most_force: 0.0,
+            internal,
+            grasps: [1; 2],
+            drops: 1,
+            slips,
+            touch: TouchTruth::default(),
+        };
+        let judged = |drops, slips| {
+            let track = vec![Vector3::new(0.1, 0.0, keys.lift)];
+            let judge = BarCarried { lifted: keys.lift, track, drops, ..BarCarried::default() };
+            judge.judge_bar(&bar(slips), &start, &keys)
+        };
+
+        let good = judged((1, 0), 0);
+        assert!(good.right, "{}", good.words);
+        for wrong in [judged((1, 1), 0), judged((1, 0), 1)] {
+            assert!(!wrong.right && wrong.words.contains("it fell"), "{}", wrong.words);
+        }
     }
 }

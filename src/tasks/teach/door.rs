@@ -5,6 +5,7 @@ use super::file_keys;
 use super::keys::{Keys, Mode};
 use super::lesson::{Geometry, Lesson, teach};
 use crate::cell::Arm;
+use crate::hw::new_file;
 use crate::kernel::robot::RobotKernel;
 use crate::motion::JointPositions;
 use crate::registry::{Setup, Task};
@@ -31,6 +32,11 @@ impl Task for Teach {
             return;
         };
         if keys.mode != Mode::Play {
+            // A lesson whose file cannot be written would be lost.
+            let writes = !keys.file.is_empty() && !reader.replays;
+            if writes && let Err(why) = new_file::check_folder(Path::new(&keys.file)) {
+                reader.fault("teach.file", format!("`teach.file`: {why}"));
+            }
             return;
         }
         if keys.file.is_empty() {

@@ -3,7 +3,7 @@
 //! - in: the text of a file; the arm, for its reach
 //! - out: the [`Way`], or all faults with file, line and reason
 
-use super::way::{Point, Way};
+use super::way::{MOST, Point, Way};
 use crate::cell::Arm;
 use crate::hw::text;
 use crate::motion::JointPositions;
@@ -12,11 +12,9 @@ use crate::scenario::section::{Reader, Section as _, section};
 use crate::scenario::tree::{self, Node, Value, name_of};
 use crate::spatial::Pose;
 use nalgebra::{Translation3, UnitQuaternion};
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::rc::Rc;
-
-/// Most points of a way.
-const MOST: usize = 2000;
 
 section! {
     /// File of a way, without its points.
@@ -120,12 +118,13 @@ fn point_keys(points: Option<&Node>, reader: &mut Reader) -> Vec<(String, PointK
         return Vec::new();
     }
     let mut read: Vec<(String, PointKeys)> = Vec::new();
+    let mut names = BTreeSet::new();
     for (i, node) in items.iter().enumerate() {
         let path = format!("point.{}", name_of(node).unwrap_or_else(|| (i + 1).to_string()));
         reader.places.insert(path.clone(), node.place.clone());
         let mut keys = PointKeys::default();
         keys.overlay(node, &path, reader);
-        if read.iter().any(|(other, _)| *other == path) {
+        if !names.insert(path.clone()) {
             reader.fault(&path, format!("`{path}`: two points have this name"));
         }
         read.push((path, keys));
@@ -218,6 +217,21 @@ mod tests {
                     assert!((a - b).abs() < 1e-4, "{a} {b}");
                 }
             }
+        }
+    }
+
+    /// The longest way is written and read again. A lesson does both within 80 ms.
+    #[test]
+    fn longest_way_is_written_and_read() {
+        let arm = arm();
+        let points = way(&arm).points.into_iter().cycle().take(MOST).collect();
+        let way = Way { arm: arm.name.clone(), points };
+        for by_joints in [false, true] {
+            let begun = std::time::Instant::now();
+            let read = read("w.toml", &way.text(by_joints), &arm).unwrap();
+            println!("{by_joints}: {:?}", begun.elapsed());
+            assert_eq!(read.points.len(), MOST);
+            assert!((way.text(by_joints).len() as u64) < text::SCENARIO);
         }
     }
 

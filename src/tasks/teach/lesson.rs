@@ -5,13 +5,14 @@
 //!
 //! | case | threshold | reaction |
 //! |---|---|---|
+//! | a way too long for a file | [`MOST`] points | fewer points, with a message |
 //! | the arm was not led | less than [`LEAST`] until the patience ends | failure |
 //! | the person pulls too strongly | force limit of the arm, 0.5 s | failure |
 //! | an obstacle or a push in playback | [`TRIES`] | wait [`AGAIN`], then from the first point |
 
 use super::fit;
 use super::keys::Play;
-use super::way::{Point, Way, bends};
+use super::way::{MOST, Point, Way, bends};
 use crate::generators::Behaviour;
 use crate::generators::contact::{Guide, GuideOrder, Guided};
 use crate::generators::own::MotionGenerator as _;
@@ -117,12 +118,42 @@ async fn taught(robot: &Robot, lesson: &Lesson) -> Result<Way, Hindrance> {
     };
     let records = fit::moving(&records);
     let forward = lesson.geometry.forward.as_ref();
-    let points = fit::choose(&records, lesson.by, lesson.tolerance, forward);
-    let text = Way { arm: name.clone(), points }.text(lesson.by == Play::JointSpline);
-    if let Some(file) = &lesson.file {
-        robot.keep(file, text.clone());
+    let mut choice = fit::Choice::new(&records, lesson.by, lesson.tolerance, MOST, forward);
+    let fit::Chosen { points, off } = loop {
+        // The shell gets the turn between two rounds of the work.
+        robot.pause(0.0).await?;
+        if let Some(chosen) = choice.round() {
+            break chosen;
+        }
+    };
+    if off > lesson.tolerance {
+        robot.tell(format!(
+            "the way is too long for {MOST} points within {:.1} mm: the path through them is up to \
+             {:.1} mm off",
+            lesson.tolerance * 1e3,
+            off * 1e3
+        ));
     }
-    (lesson.geometry.read)(&text).map_err(|why| Hindrance(format!("the taught way: {why}")))
+    robot.pause(0.0).await?;
+    let (way, text) = readable(&Way { arm: name.clone(), points }, lesson)?;
+    if let Some(file) = &lesson.file {
+        robot.keep(file, text);
+    }
+    Ok(way)
+}
+
+/// Returns a way as it reads in its file, and the text of the file. Joints that are rounded with
+/// the pose may be out of reach at the edge of the workspace: the text then has the joints.
+fn readable(way: &Way, lesson: &Lesson) -> Result<(Way, String), Hindrance> {
+    let mut why = String::new();
+    for by_joints in [lesson.by == Play::JointSpline, true] {
+        let text = way.text(by_joints);
+        match (lesson.geometry.read)(&text) {
+            Ok(way) => return Ok((way, text)),
+            Err(faults) => why = faults,
+        }
+    }
+    Err(Hindrance(format!("the taught way: {why}")))
 }
 
 /// Returns the records of a guidance.

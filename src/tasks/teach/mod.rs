@@ -13,12 +13,14 @@
 //! - `fit`: choice of points from the recorded way
 //! - `lesson`: the kernel
 //! - `file_keys`: reader of a file, with line and reason of each fault
+//! - `order`: distance of two ways, for the judge
 
 mod door;
 mod file_keys;
 mod fit;
 mod keys;
 mod lesson;
+mod order;
 mod verdict;
 mod way;
 

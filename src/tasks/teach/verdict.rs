@@ -3,20 +3,25 @@
 //!
 //! - in: the place of the tool in each period, and whether a person leads a tool
 //! - out: the distances between both ways; without a person those of the points of the file, seen
-//!   from the true base of the arm, from the way of the tool
+//!   from the true base of the arm, from the way of the tool; without a playback those of the path
+//!   through the points of the taught file from the way on which the person led the tool
+//! - ways are matched in order: on a way out and back, the way back counts as well
 //!
 //! Playback begins where the tool leaves the beginning of the way. It may have begun several times,
 //! for instance after a push: the beginning with the smallest error counts, and all that follows.
 
 use super::door::Teach;
 use super::file_keys;
+use super::fit;
 use super::keys::{Keys, Mode, Play};
+use super::order;
 use super::way::{distance, length};
-use crate::cell::Cell;
+use crate::cell::{Arm, Cell};
 use crate::hw::plant::Plant;
-use crate::motion::PERIOD;
+use crate::kernel::Document;
+use crate::motion::{JointPositions, PERIOD};
 use crate::registry::{Judgement, Truth, Verdict};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use std::path::Path;
 
 /// Time between two looks at the tools (ticks of 2 ms).
@@ -93,7 +98,7 @@ impl Verdict for PlayedBack {
         }
     }
 
-    fn judge(&self, keys: &Keys, _: &Truth) -> Judgement {
+    fn judge(&self, keys: &Keys, truth: &Truth) -> Judgement {
         let (Some(cell), true) = (&self.cell, !self.arms.is_empty()) else {
             return Judgement::new(false, "the plant did not run");
         };
@@ -117,7 +122,7 @@ impl Verdict for PlayedBack {
         let judgement = if led < LEAST {
             Judgement::new(false, format!("the person led the tool by {:.1} mm only", led * 1e3))
         } else if keys.mode == Mode::Teach {
-            Judgement::new(true, format!("the person led the tool by {:.1} mm", led * 1e3))
+            taught(&course.led, truth.documents.first(), &cell.arms[index], keys)
         } else {
             compared(course, &course.led, true, keys.tolerance + ARM)
         };
@@ -144,11 +149,37 @@ fn round(figure: f64) -> f64 {
     (figure * 1e3).round() / 1e3
 }
 
+/// Judges the file of a lesson by the places `led` on which the person led the tool (m).
+fn taught(led: &[Vector3<f64>], file: Option<&Document>, arm: &Arm, keys: &Keys) -> Judgement {
+    let words = format!("the person led the tool by {:.1} mm", length(led) * 1e3);
+    let Some(file) = file else {
+        // Without a file the lesson has no result to judge.
+        return Judgement::new(keys.file.is_empty(), words);
+    };
+    let name = file.path.display().to_string();
+    let way = match file_keys::read(&name, &file.text, arm) {
+        Ok(way) => way,
+        Err(faults) => return Judgement::new(false, format!("{words}; {faults}")),
+    };
+    let forward =
+        |joints: &JointPositions| arm.model.base_from_flange(joints) * arm.flange_from_tool;
+    let in_world = |place: Vector3<f64>| (arm.world_from_base * Point3::from(place)).coords;
+    let path = fit::path(&way.points, keys.play, &forward).into_iter().map(in_world);
+    let path: Vec<Vector3<f64>> = path.collect();
+    let off = led.iter().map(|place| distance(place, &path));
+    let off = off.chain(path.iter().map(|place| distance(place, led))).fold(0.0, f64::max);
+    let within = keys.tolerance + SAG;
+    let off = order::greatest(led, &path, off, within);
+    let words = format!("{words}; the points of the file are within {:.1} mm of it", off * 1e3);
+    Judgement::new(off <= within, words).with("file_off_mm", round(off * 1e3))
+}
+
 /// Judges the course after the lead by the wanted way. `is_line` is whether the tool must stay on
 /// the polyline of `wanted`, and not only pass its points; `within` is the greatest error (m).
 fn compared(course: &Course, wanted: &[Vector3<f64>], is_line: bool, within: f64) -> Judgement {
     let begins = beginnings(&course.after, wanted, within);
-    let errors = begins.iter().map(|begin| errors(&course.after[*begin..], wanted, is_line));
+    let errors =
+        begins.iter().map(|begin| errors(&course.after[*begin..], wanted, is_line, within));
     let Some(best) = errors.min_by(|a, b| a.greatest.total_cmp(&b.greatest)) else {
         return Judgement::new(false, "the tool did not come to the beginning of the way");
     };
@@ -183,8 +214,13 @@ fn beginnings(after: &[(u64, Vector3<f64>)], wanted: &[Vector3<f64>], within: f6
     found.split_off(surplus)
 }
 
-/// Returns the errors of a playback against the wanted way.
-fn errors(played: &[(u64, Vector3<f64>)], wanted: &[Vector3<f64>], is_line: bool) -> Errors {
+/// Returns the errors of a playback against the wanted way; see [`compared`].
+fn errors(
+    played: &[(u64, Vector3<f64>)],
+    wanted: &[Vector3<f64>],
+    is_line: bool,
+    within: f64,
+) -> Errors {
     let places: Vec<Vector3<f64>> = played.iter().map(|(_, place)| *place).collect();
     // The tool must pass all of the way, and stay on it.
     let passed: Vec<f64> = wanted.iter().map(|place| distance(place, &places)).collect();
@@ -193,6 +229,12 @@ fn errors(played: &[(u64, Vector3<f64>)], wanted: &[Vector3<f64>], is_line: bool
     } else {
         passed.clone()
     };
+    let greatest = passed.iter().chain(&stayed).copied().fold(0.0, f64::max);
+    let greatest = if is_line {
+        order::greatest(&places, wanted, greatest, within)
+    } else {
+        greatest.max(order::passes(wanted, &places))
+    };
     let squares: f64 = stayed.iter().map(|error| error * error).sum();
     let ticks = match played {
         [first, .., last] => last.0 - first.0,
@@ -200,7 +242,7 @@ fn errors(played: &[(u64, Vector3<f64>)], wanted: &[Vector3<f64>], is_line: bool
     };
     Errors {
         rms: (squares / stayed.len().max(1) as f64).sqrt(),
-        greatest: passed.iter().chain(&stayed).copied().fold(0.0, f64::max),
+        greatest,
         seconds: ticks as f64 * PERIOD,
         length: length(&places),
     }
@@ -208,6 +250,7 @@ fn errors(played: &[(u64, Vector3<f64>)], wanted: &[Vector3<f64>], is_line: bool
 
 #[cfg(test)]
 mod tests {
+    use super::super::way::{Point, Way};
     use super::*;
 
     /// Returns places along x and then along y, each leg 100 mm.
@@ -246,5 +289,65 @@ mod tests {
         ] {
             assert!(!wrong.right, "{}", wrong.words);
         }
+    }
+
+    /// The way goes out and back along one line. A tool that comes back by half way only, or that
+    /// goes out only, has been at each place of the way.
+    #[test]
+    fn way_out_and_back_is_matched_in_order() {
+        let out: Vec<_> = (0..=100).map(|i| Vector3::new(f64::from(i) * 1e-3, 0.0, 0.0)).collect();
+        let back = |from: usize| out[from..].iter().rev().copied().collect::<Vec<_>>();
+        let course = |parts: &[Vec<Vector3<f64>>]| {
+            let mut course = Course::default();
+            let aside = vec![Vector3::new(0.0, 0.1, 0.0)];
+            let places = std::iter::once(&aside).chain(parts).flatten();
+            places.zip(0..).for_each(|(place, tick)| course.follow(tick, *place));
+            course
+        };
+        let wanted = [out.clone(), back(0)].concat();
+        let points = [out[0], out[50], out[100], out[50], out[0]];
+        let right = |parts: &[Vec<Vector3<f64>>]| {
+            let course = course(parts);
+            let line = compared(&course, &wanted, true, 3e-3);
+            [line, compared(&course, &points, false, 3e-3)].map(|judgement| judgement.right)
+        };
+
+        assert_eq!(right(&[out.clone(), back(0)]), [true; 2]);
+        assert_eq!(right(std::slice::from_ref(&out)), [false; 2]);
+        assert_eq!(right(&[out.clone(), back(70)]), [false; 2]);
+    }
+
+    /// The file has the path of the tool, but in another order, aside or in part.
+    #[test]
+    fn file_of_another_way_is_wrong() {
+        let scenario = crate::tasks::read(Path::new("t.toml"), "task = \"idle\"\n", &[]).unwrap();
+        let arm = scenario.controller.cell.arms[0].clone();
+        let forward =
+            |joints: &JointPositions| arm.model.base_from_flange(joints) * arm.flange_from_tool;
+        let at = |by: f64| {
+            let mut joints = arm.start;
+            joints.0[1] += by;
+            Point { joints, pose: forward(&joints) }
+        };
+        let points: Vec<Point> = (0..=10).map(|i| at(0.02 * f64::from(i))).collect();
+        let led = (0..=100).map(|i| arm.world_from_base * at(2e-3 * f64::from(i)).pose);
+        let led: Vec<_> = led.map(|pose| pose.translation.vector).collect();
+        let keys = Keys { file: "w.toml".to_owned(), ..Keys::default() };
+        let judged = |points: &[Point]| {
+            let text = Way { arm: arm.name.clone(), points: points.to_vec() }.text(false);
+            taught(&led, Some(&Document { path: "w.toml".into(), text }), &arm, &keys)
+        };
+
+        let good = judged(&points);
+        assert!(good.right, "{}", good.words);
+        let mut reversed = points.clone();
+        reversed.reverse();
+        let mut aside = points.clone();
+        aside[5].pose.translation.vector.z += 0.02;
+        for wrong in [&reversed[..], &aside, &points[..8]] {
+            let judgement = judged(wrong);
+            assert!(!judgement.right, "{}", judgement.words);
+        }
+        assert!(!taught(&led, None, &arm, &keys).right, "the file is missing");
     }
 }

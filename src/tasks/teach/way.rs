@@ -8,6 +8,8 @@ use crate::spatial::Pose;
 use nalgebra::Vector3;
 use std::fmt::Write as _;
 
+/// Most points of a way.
+pub(super) const MOST: usize = 2000;
 /// Least sine of the angle at which three points make an arc.
 const BENT: f64 = 1e-2;
 

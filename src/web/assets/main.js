@@ -36,6 +36,9 @@ const link = new Link({
     if (stage.version) $("version").textContent = `${facts.filter(Boolean).join(", ")} – version ${stage.version}`;
     if (!stage.version) return;
     scene.set(stage);
+    const loose = (stage.objects ?? []).filter((object) => !object.fixed).map((object) => object.name);
+    $("truth").hidden = !loose.length;
+    $("truth").textContent = `true place in the simulated plant: ${loose.join(", ")}`;
     curves.set(stage);
     manual.set(stage);
     panels.setCameras(stage.cameras);

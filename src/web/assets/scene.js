@@ -1,4 +1,5 @@
-// 3-D view of the cell as the controller believes it: arms, jaws, cube with its turned layer, hand.
+// 3-D view of the cell as the controller believes it: arms, jaws, cube with its turned layer, hand;
+// fixed objects as the scenario has them, loose ones as the simulated plant has them.
 // Lengths are in m, angles in rad.
 
 import { Renderer, matrix, multiply } from "./render.js";
@@ -106,7 +107,7 @@ export class Scene {
    */
   moved(snapshot) {
     const { cube, hand, arms } = snapshot;
-    const poses = [cube.world_from_cube, hand?.world_from_cube].flatMap((p) => (p ? [...p.translation, ...p.rotation] : [9]));
+    const poses = [cube.world_from_cube, hand?.world_from_cube, ...Object.values(snapshot.objects ?? {})].flatMap((p) => (p ? [...p.translation, ...p.rotation] : [9]));
     const numbers = [...arms.flatMap((arm) => [...arm.joints, arm.opening * 4]), ...poses, cube.turned?.angle ?? 9];
     const words = cube.facelets + arms.map((arm) => !!arm.fault);
     const same = this.seen?.words === words && this.seen.numbers.length === numbers.length
@@ -220,6 +221,7 @@ export class Scene {
     this.glide();
     const solids = [];
     this.arms(solids, pose, t);
+    this.objects(solids, pose);
     const cube = pose((s) => s.cube.world_from_cube);
     if (cube) this.cube(solids, matrix(cube));
     const hand = pose((s) => s.hand?.world_from_cube);
@@ -291,6 +293,20 @@ export class Scene {
         mesh: solid.shape, scale, colour, shadow: true,
         matrix: base ? multiply(base, own) : own,
       });
+    }
+  }
+
+  /** Adds the objects: fixed ones where the scenario has them, loose ones where the plant has them. */
+  objects(solids, pose) {
+    for (const object of this.stage.objects ?? []) {
+      const base = matrix(pose((s) => s.objects?.[object.name]) ?? object.pose);
+      for (const solid of object.solids) {
+        const scale = solid.shape === "box" ? solid.size : [solid.radius, solid.radius, solid.length];
+        solids.push({
+          mesh: solid.shape, scale, colour: solid.colour.map((c) => c / 255), shadow: true,
+          matrix: multiply(base, matrix(solid.pose)),
+        });
+      }
     }
   }
 
