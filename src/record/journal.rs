@@ -384,7 +384,6 @@ mod tests {
         std::fs::remove_file(path).unwrap();
     }
 
-    /// A first entry that a crash cut off means that nothing had begun.
     /// The first line may be cut off as well: nothing had begun. An entry that is cut off behind it
     /// is the first one.
     #[test]

@@ -39,7 +39,7 @@ fn pushed_arm_comes_back_to_the_contour() {
 /// A part falls out of the hand. The programme notices it by the jaws, and the task fails.
 #[test]
 fn dropped_part_is_noticed_and_reported() {
-    let drop = "fault=[{name=\"d\",kind=\"drop\",arm=\"postument\",at_s=8}]";
+    let drop = "fault=[{name=\"d\",kind=\"drop\",arm=\"postument\",at_s=11}]";
     let summary = run("follow_contour.toml", &[drop]);
 
     assert_ne!(summary.outcome, Outcome::Solved);
