@@ -202,6 +202,15 @@ impl<R: Read> Records<R> {
             return Found::Record { opcode: op::CHUNK, flaw: Some("its type is damaged") };
         }
         let fits = extent == Some(body.len());
+        // A record that begins where the fields end shows that the length is wrong: a longer one
+        // would take records behind it along.
+        let by_fields = extent.map(|fields| HEAD + fields).filter(|end| *end < whole);
+        if let Some(end) = by_fields
+            && self.is_confirmed(end, true)
+        {
+            self.current = end;
+            return Found::Damage("a record whose length is wrong");
+        }
         if !fits && !self.is_plausible(whole) {
             return self.search("a record whose lengths do not fit");
         }
