@@ -495,7 +495,7 @@ impl Campaign {
             jobs: shape.jobs.map_or(cores, usize::from),
             limit: Duration::from_secs(shape.limit_s),
         };
-        let state = State { header, results: BTreeMap::new(), whole: 0, torn: false };
+        let state = State { header, results: BTreeMap::new(), whole: 0, damaged: 0, torn: false };
         let from = ScenarioArgs { scenario: path.clone(), set: args.set.clone() };
         Ok(Self { state, given: Given { from, sum }, runner, jobs, kept: None })
     }
@@ -516,7 +516,10 @@ impl Campaign {
                 let written = file
                     .set_len(0)
                     .and_then(|()| file.seek(SeekFrom::Start(0)))
-                    .and_then(|_| file.write_all(first.as_bytes()));
+                    .and_then(|_| file.write_all(first.as_bytes()))
+                    // A host that takes over the shard sees the header, and the name in the folder.
+                    .and_then(|()| file.sync_data())
+                    .and_then(|()| new_file::keep_name(path));
                 written.map_err(|e| e.to_string())?;
             }
             Err(why) => return Err(why.to_string()),
@@ -543,8 +546,12 @@ impl Campaign {
         is_same_campaign(&found.header, own)?;
         let cut =
             if found.torn { "; its last line was cut off, so that run is repeated" } else { "" };
+        let damaged = match found.damaged {
+            0 => String::new(),
+            lines => format!("; {lines} damaged lines are left out and their runs are repeated"),
+        };
         complain(&format!(
-            "{}: has {} of {} runs, the campaign continues{cut}",
+            "{}: has {} of {} runs, the campaign continues{damaged}{cut}",
             path.display(),
             found.results.len(),
             self.jobs.len()
