@@ -216,7 +216,7 @@ mod tests {
     fn failed_late_or_missing_trial_fails_the_tier() {
         let header = header(5, "1/1");
         let results = header.seeds().map(|s| (s, result(s, Verdict::Solved, s as f64))).collect();
-        let mut state = State { header, results, whole: 0, torn: false };
+        let mut state = State { header, results, whole: 0, damaged: 0, torn: false };
         // A trial takes 400 s + its seed, and the seeds are 5 to 9.
         let all = score(&Tally::of(&state), 1000.0);
         assert!(all.is_whole() && all.longest_row == 5 && all.trial_s.max == 409.0);

@@ -12,6 +12,8 @@
 //! | [`vary`] | pure: the values that a seed draws for its run |
 //! | `result`, [`tally`] | pure: one run, the sum of all runs |
 //! | [`state`] | the file from which a campaign continues |
+//! | `progress` | pure: the progress over the files of all shards |
+//! | `scheduler` | pure: the shard of a task of Slurm or Kubernetes |
 //! | [`benchmark`], `protocol` | pure: scrambles and scores, the protocol in Markdown |
 //! | [`page`] | pure: the report in HTML |
 //! | [`mix`] | pure: mixes of faults, the rules for them, the smallest mix that breaks one |
@@ -23,9 +25,11 @@
 pub mod benchmark;
 pub mod mix;
 pub mod page;
+pub(crate) mod progress;
 pub(crate) mod protocol;
 pub(crate) mod result;
 pub(crate) mod runner;
+pub(crate) mod scheduler;
 pub(crate) mod soak;
 pub mod state;
 pub(crate) mod statistics;

@@ -612,7 +612,7 @@ mod tests {
             (seed, run)
         };
         let results = header.seeds().map(outcome).collect();
-        Tally::of(&State { header, results, whole: 0, torn: false })
+        Tally::of(&State { header, results, whole: 0, damaged: 0, torn: false })
     }
 
     #[test]

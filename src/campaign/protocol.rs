@@ -355,7 +355,7 @@ mod tests {
     fn benchmark_protocol_has_template_sections_matching_the_setup() {
         let header = header(2, "1/1");
         let results = header.seeds().map(|s| (s, result(s, Verdict::Solved, 3.0))).collect();
-        let tally = Tally::of(&State { header, results, whole: 0, torn: false });
+        let tally = Tally::of(&State { header, results, whole: 0, damaged: 0, torn: false });
         let setup = Setup {
             kind: Kind::Tier { trials: 2, moves: 20 },
             effectors: vec![("track".into(), "IRp-6".into(), 0.4)],

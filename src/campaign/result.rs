@@ -62,6 +62,10 @@ pub struct RunResult {
     pub figures: Option<Figures>,
     /// Time by the wall clock (s).
     pub wall_time_s: f64,
+    /// Moment of the end by the wall clock (s since 1970), which gives the pace of a shard. State
+    /// files of earlier builds, and runs of a soak, lack it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended_unix_s: Option<f64>,
 }
 
 /// Figures of a run's summary.
@@ -237,6 +241,7 @@ impl RunResult {
                 plant_hash: summary.plant_hash.clone(),
             }),
             wall_time_s: summary.wall_time_s,
+            ended_unix_s: None,
         }
     }
 
@@ -259,6 +264,7 @@ impl RunResult {
             set: set.to_vec(),
             figures: None,
             wall_time_s,
+            ended_unix_s: None,
         };
         let code = match ended {
             Ended::TimedOut(seconds) => {
@@ -290,10 +296,11 @@ impl RunResult {
         result
     }
 
-    /// Returns whether both results are equal, apart from the time by the wall clock.
+    /// Returns whether both results are equal, apart from the times by the wall clock.
     #[must_use]
     pub(crate) fn agrees(&self, other: &Self) -> bool {
-        Self { wall_time_s: other.wall_time_s, ..self.clone() } == *other
+        let (wall_time_s, ended_unix_s) = (other.wall_time_s, other.ended_unix_s);
+        Self { wall_time_s, ended_unix_s, ..self.clone() } == *other
     }
 }
 

@@ -17,12 +17,17 @@ use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 /// Time between two polls of a process.
 const POLL: Duration = Duration::from_millis(10);
 /// Signal that ends a process without a clean-up.
 const KILLED: i32 = 9;
+/// Exit code of a run that a signal interrupted.
+const INTERRUPTED: i32 = 130;
+/// Longest time between the first and the last process of a task that gets a scheduler's signal. A
+/// run that a signal ends takes that much longer.
+const GRACE: Duration = Duration::from_millis(200);
 /// Number of bytes that are kept from the end of stdout and of stderr.
 const KEPT_BYTES: usize = 1 << 20;
 
@@ -172,7 +177,10 @@ impl Runner {
     /// it was stopped.
     fn perform_one(&self, job: &Job, stopped: &dyn Fn() -> bool) -> Result<Option<RunResult>> {
         let first = self.perform_process(self.command(job, false), stopped)?;
-        let Some(kept) = &job.kept else { return Ok(first.map(|end| end.result(job))) };
+        let Some(kept) = &job.kept else {
+            let own = first.filter(|end| !(end.is_by_signal() && stops_soon(stopped)));
+            return Ok(own.map(|end| end.result(job)));
+        };
         // A simulated power cut kills the process of the run after it saved the state of the plant.
         let cut = first.as_ref().is_some_and(|end| end.ended == Ended::Signal(KILLED));
         let result = if !cut {
@@ -238,6 +246,21 @@ impl Runner {
     }
 }
 
+/// Waits for at most [`GRACE`] and returns whether the campaign is stopped meanwhile. A scheduler
+/// that ends a task sends the signal to one process after the other, so a run may end before the
+/// campaign is stopped. Its end would count as a failure of the run. If the signal kills the
+/// campaign as well, it comes during this wait, and no result is kept either.
+fn stops_soon(stopped: &dyn Fn() -> bool) -> bool {
+    let begun = Instant::now();
+    while begun.elapsed() < GRACE {
+        if stopped() {
+            return true;
+        }
+        std::thread::sleep(POLL);
+    }
+    stopped()
+}
+
 /// End of the process of a run.
 struct ProcessEnd {
     stdout: String,
@@ -250,7 +273,16 @@ impl ProcessEnd {
     /// Returns the result of the run.
     fn result(&self, job: &Job) -> RunResult {
         let streams = (self.stdout.as_str(), self.stderr.as_str());
-        RunResult::of_process(job.seed, &job.set, streams, self.ended, self.wall_time_s)
+        let result =
+            RunResult::of_process(job.seed, &job.set, streams, self.ended, self.wall_time_s);
+        // A clock before 1970 is wrong, and gives no pace.
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).ok();
+        RunResult { ended_unix_s: now.map(|now| now.as_secs_f64()), ..result }
+    }
+
+    /// Returns whether a signal from outside ended the run.
+    fn is_by_signal(&self) -> bool {
+        matches!(self.ended, Ended::Signal(_) | Ended::Code(INTERRUPTED))
     }
 
     /// Returns the result of a run that a power cut ended, and that no run can resume because the
@@ -365,6 +397,30 @@ mod tests {
             assert!(all(&runner, &jobs(0..6), &stop).is_empty());
         });
         assert!(begun.elapsed() < Duration::from_secs(20));
+    }
+
+    /// A scheduler ends the run a moment before the campaign: the run is not a failure. Without a
+    /// stop its end by a signal is one.
+    #[test]
+    fn signal_to_run_and_campaign_leaves_no_result() {
+        for (name, end) in [("killed", "kill -9 $$"), ("interrupted", "exit 130")] {
+            let runner = runner(name, &format!(": > \"${{0%/*}}/begun\"; {end}"));
+            let begun = runner.program.with_file_name("begun");
+            let stop = AtomicBool::new(false);
+
+            std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    while !begun.exists() {
+                        std::thread::sleep(Duration::from_millis(1));
+                    }
+                    std::thread::sleep(Duration::from_millis(50));
+                    stop.store(true, Ordering::SeqCst);
+                });
+                assert!(all(&runner, &jobs(0..1), &stop).is_empty(), "{name}");
+            });
+            let alone = all(&runner, &jobs(0..1), &AtomicBool::new(false));
+            assert_eq!(alone[0].verdict, Verdict::Died, "{name}");
+        }
     }
 
     #[test]

@@ -222,6 +222,7 @@ fn perform(scenario: &Scenario) -> Option<RunResult> {
         set: Vec::new(),
         figures: None,
         wall_time_s: begun.elapsed().as_secs_f64(),
+        ended_unix_s: None,
     };
     match std::panic::catch_unwind(run) {
         Ok(Ok(summary)) if summary.ended_by == EndedBy::Interrupt => None,

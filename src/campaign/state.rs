@@ -5,9 +5,15 @@
 //!
 //! The campaign appends a line when a run ends, so a campaign that was killed continues where it
 //! stopped. A campaign that is extended to more runs appends a second header.
+//!
+//! The lock of the file keeps a second campaign away. On a network file system whose locks do not
+//! reach other hosts, two processes may write one file. The reader then relies on three facts: a
+//! run repeats to the bit, so that its second result is equal to its first; an append that hits
+//! another one makes a line that is no JSON, and is left out; a seed without a result is run again.
 
 use super::result::RunResult;
 use crate::scenario::maker::Maker;
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::{BufRead, Read};
@@ -20,7 +26,7 @@ pub(crate) const MOST_RUNS: u64 = 10_000_000;
 /// Build of a campaign whose shards were performed by different builds of one version.
 pub(crate) const SEVERAL: &str = "several";
 /// Largest number of missing shards that are named; further ones are only counted.
-const NAMED: usize = 20;
+pub(crate) const NAMED: usize = 20;
 
 /// Identity of a campaign. Two files belong together if [`Header::differs`] finds no difference.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -202,6 +208,9 @@ pub struct State {
     pub results: BTreeMap<u64, RunResult>,
     /// Length of the file up to the end of its last valid line (bytes).
     pub whole: u64,
+    /// Number of lines before that end that are no JSON and are left out. The runs of their
+    /// results count as not performed.
+    pub damaged: u64,
     /// Whether further bytes follow, which are not used.
     pub torn: bool,
 }
@@ -239,11 +248,12 @@ pub fn line(result: &RunResult) -> String {
 }
 
 impl State {
-    /// Reads a state file. A last line that is cut off or holds no result is left out.
+    /// Reads a state file. Damaged lines are left out: a last line that is cut off or holds no
+    /// result, and any line that is no JSON.
     ///
     /// # Errors
-    /// [`Unusable`], if the file cannot be read, has no header, or has an invalid line that is not
-    /// its last.
+    /// [`Unusable`], if the file cannot be read, has no header, or has a line of JSON before the
+    /// last one that is no result of this campaign.
     pub fn read(mut from: impl BufRead) -> Result<Self, Unusable> {
         let mut bytes = Vec::new();
         let Some(first) = next(&mut from, &mut bytes, 1)? else { return Err(Unusable::Empty) };
@@ -265,8 +275,8 @@ impl State {
             return Err(wrong(1, why));
         }
         let mut whole = bytes.len() as u64;
-        let mut state = Self { header, results: BTreeMap::new(), whole, torn: false };
-        let mut number = 1;
+        let mut state = Self { header, results: BTreeMap::new(), whole, damaged: 0, torn: false };
+        let (mut number, mut damaged) = (1, 0);
         while let Some(ended) = next(&mut from, &mut bytes, number + 1)? {
             number += 1;
             let read = serde_json::from_slice::<RunResult>(&bytes);
@@ -283,10 +293,17 @@ impl State {
                     state.torn = true;
                     break;
                 }
+                // A second writer on another host has cut this line, or its end is lost. A line of
+                // a later build would be valid JSON, and its result must not get lost.
+                Err(_) if serde_json::from_slice::<IgnoredAny>(&bytes).is_err() => {
+                    damaged += 1;
+                    whole += bytes.len() as u64;
+                    continue;
+                }
                 Err(why) => return Err(wrong(number, why.to_string())),
             }
             whole += bytes.len() as u64;
-            state.whole = whole;
+            (state.whole, state.damaged) = (whole, damaged);
         }
         Ok(state)
     }
@@ -368,6 +385,7 @@ impl State {
         if self.header.build != other.header.build {
             SEVERAL.clone_into(&mut self.header.build);
         }
+        self.damaged += other.damaged;
         other.results.into_values().try_for_each(|result| self.take(result))
     }
 }
@@ -506,6 +524,7 @@ pub(super) mod tests {
             header: header(10, k),
             results: seeds.iter().map(|s| (*s, result(*s, Verdict::Solved, 1.0))).collect(),
             whole: 0,
+            damaged: 0,
             torn: false,
         };
         let missing = |mut state: State| {
@@ -548,14 +567,27 @@ pub(super) mod tests {
         assert!(missing.to_string().ends_with("20/10000000 and 9999980 more"), "{missing}");
     }
 
+    /// A line that is no JSON is left out anywhere: its run is repeated. A line of JSON with
+    /// another content is left out only at the end.
     #[test]
-    fn invalid_line_is_dropped_only_at_the_end() {
-        let at_end = file(&[5]) + "\0\0\0\0\n";
-        let state = State::read(at_end.as_bytes()).unwrap();
-        assert!(state.torn && state.results.len() == 1);
+    fn damaged_line_is_left_out_and_counted() {
+        let six = line(&result(6, Verdict::Solved, 1.0));
+        // Zeros of a hole, the begin and the end of a line, a line within another one.
+        let cut = format!("{}\n", &six[..80]);
+        for damage in ["\0\0\0\0\n", cut.as_str(), &six[80..], "{\"seed\":{\"seed\":6\n"] {
+            let at_end = file(&[5]) + damage;
+            let state = State::read(at_end.as_bytes()).unwrap();
+            assert!(state.torn && state.damaged == 0 && state.results.len() == 1, "{damage}");
+            assert_eq!(state.whole as usize, at_end.len() - damage.len());
 
-        let middle = at_end + &line(&result(6, Verdict::Solved, 1.0));
-        let error = State::read(middle.as_bytes()).unwrap_err().to_string();
+            let middle = format!("{at_end}{damage}{six}");
+            let state = State::read(middle.as_bytes()).unwrap();
+            assert!(!state.torn && state.damaged == 2, "{damage}");
+            assert!(state.results.keys().eq(&[5, 6]) && state.whole as usize == middle.len());
+        }
+        let foreign = file(&[5]) + "{\"later\":1}\n";
+        assert!(State::read(foreign.as_bytes()).unwrap().torn);
+        let error = State::read((foreign + &six).as_bytes()).unwrap_err().to_string();
         assert!(error.starts_with("line 3:"), "{error}");
     }
 

@@ -363,7 +363,7 @@ mod tests {
             _ => result(seed, Verdict::Solved, seed as f64),
         };
         let results = header.seeds().map(|seed| (seed, outcome(seed))).collect();
-        State { header, results, whole: 0, torn: false }
+        State { header, results, whole: 0, damaged: 0, torn: false }
     }
 
     #[test]

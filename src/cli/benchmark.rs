@@ -6,7 +6,8 @@
 //! - source: see [`crate::campaign::benchmark`]
 
 use super::arguments::{ScenarioArgs, not_negative};
-use super::campaign::{Campaign, LAST_SEED, Performed, Shape, seedless, writable};
+use super::campaign::{Campaign, LAST_SEED, Performed, Shape, seedless};
+use super::campaign_report::writable;
 use super::output::{Output, WRONG, clash, complain, refuse, save};
 use super::stop::INTERRUPTED;
 use crate::campaign::benchmark::{Kind, Score, clearances, score, scramble, scrambled, tier};

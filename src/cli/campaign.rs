@@ -6,20 +6,24 @@
 //! - exit code: see the help below
 
 use super::arguments::ScenarioArgs;
+use super::campaign_report::ResultArgs;
 use super::catalogue;
+use super::merge::{MergeArgs, merge};
 use super::mix::{Size, mixed};
-use super::output::{Output, WRONG, clash, complain, refuse, save};
+use super::output::{Output, WRONG, clash, complain, refuse};
 use super::progress::Bar;
+use super::shards;
+use super::status::{StatusArgs, status};
 use super::stop::{INTERRUPTED, stop_flag};
-use crate::campaign::page;
+use crate::campaign::progress::duration;
 use crate::campaign::result::{RunResult, Verdict};
 use crate::campaign::runner::{Job, Runner};
+use crate::campaign::scheduler::Choice;
 use crate::campaign::soak::{Soak, soak};
 use crate::campaign::state::{self, Header, MOST_RUNS, Shard, State, Unusable};
 use crate::campaign::tally::Tally;
 use crate::campaign::vary::{Drawn, Variations};
 use crate::hw::{new_file, text};
-use crate::record::place::Place;
 use crate::record::running_program;
 use crate::scenario::{CameraSource, Override, Scenario};
 use crate::tables;
@@ -49,8 +53,10 @@ Examples:
   rubik-robot campaign scenarios/solve.toml --runs 1000 --at-least 0.995
   rubik-robot campaign scenarios/solve.toml --runs 1000 --vary scenarios/vary/cell.toml
   rubik-robot campaign scenarios/solve.toml --runs 1000 --state c.jsonl  # again: it continues
-  rubik-robot campaign scenarios/solve.toml --runs 1000 --shard 2/4 --state 2.jsonl
-  rubik-robot campaign merge 1.jsonl 2.jsonl 3.jsonl 4.jsonl -o report.html
+  rubik-robot campaign scenarios/solve.toml --runs 1000 --shard 2/4 --state shards/
+  rubik-robot campaign scenarios/solve.toml --runs 10000 --shard auto --state shards/
+  rubik-robot campaign status shards/
+  rubik-robot campaign merge shards/ -o report.html
   rubik-robot campaign scenarios/solve.toml --runs 20 --json | tail -1
   rubik-robot campaign scenarios/solve.toml --soak 8
   rubik-robot campaign scenarios/solve.toml --mix --hours 1
@@ -60,6 +66,11 @@ simulated cell) decides whether a run is solved, not the controller. A run that 
 --limit-s is a failure. The report has the share of solved runs with its 95 % interval, the spread
 of forces, grasps, turns and times, the mishaps (jams, slips, drops, pops, crushes, collisions), and
 for each failure the command that repeats it.
+With --shard auto the shard is that of the task: SLURM_ARRAY_TASK_ID of SLURM_ARRAY_TASK_COUNT in a
+job array of Slurm, JOB_COMPLETION_INDEX of JOB_COMPLETIONS in an indexed job of Kubernetes, whose
+file must set JOB_COMPLETIONS to the number of pods. With GNU parallel write --shard {#}/{##} and
+give it --plus. If --state is a folder, the shard has the file shard-K-of-N.jsonl in it: a task that
+is started again continues its own file, and a second process with the same shard is refused.
 A soak runs missions of --soak-seeds seeds in turn, and reports how much the memory grows and
 whether missions of one seed repeat to the bit. Without --at-least all of them must be solved.
 A run of --mix may fail, but it must not report an untrue success, crash, miss a fallen cube, open
@@ -106,12 +117,13 @@ pub(super) struct CampaignArgs {
     /// in FILE (TOML), as in scenarios/vary/cell.toml
     #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     vary: Option<PathBuf>,
-    /// Perform part K of N (a shard) of the runs; campaign merge joins the state
-    /// files of all shards
+    /// Perform part K of N (a shard) of the runs, or with auto the part of this
+    /// task of a scheduler; campaign merge joins the state files of all shards
     #[arg(long, value_name = "K/N", default_value = "1/1", verbatim_doc_comment)]
-    shard: Shard,
-    /// Save each result to FILE (JSON lines); continue from FILE if it exists,
-    /// also with larger --runs than before
+    shard: Choice,
+    /// Save each result to FILE (JSON lines), or to the file of the shard in an
+    /// existing folder; continue from it if it exists, also with larger --runs
+    /// than before
     #[arg(long, visible_alias = "resume", value_name = "FILE", verbatim_doc_comment)]
     state: Option<PathBuf>,
     /// Longest time of a run by the wall clock (s)
@@ -140,47 +152,21 @@ pub(super) struct CampaignArgs {
     soak_seeds: u64,
 }
 
-/// Options of the report.
-#[derive(Debug, Args)]
-pub(super) struct ResultArgs {
-    /// Exit with 1 if a smaller share of the runs is solved (0 to 1)
-    /// [default: no limit]
-    #[arg(long, value_name = "SHARE", verbatim_doc_comment)]
-    at_least: Option<f64>,
-    /// Write the report to FILE (HTML)
-    #[arg(short, long, value_name = "FILE")]
-    output: Option<PathBuf>,
-    /// End stdout with one line of JSON
-    #[arg(long)]
-    json: bool,
-}
-
 /// Subcommand of `campaign`.
 #[derive(Debug, Subcommand)]
 enum Part {
     /// Merge the state files of shards and report on the whole campaign
-    #[command(after_help = "\
-Examples:
-  rubik-robot campaign merge 1.jsonl 2.jsonl 3.jsonl 4.jsonl -o report.html
-  rubik-robot campaign merge 1.jsonl 2.jsonl --at-least 0.995 --json
-
-The report, and the keys of --json, are those of `campaign`. A missing shard is reported, and the
-share of --at-least then counts as not reached.
-Exit codes: 0 the files were merged, 1 the share of --at-least was not reached, 2 wrong usage, or a
-file cannot be used, 4 system error.")]
-    Merge {
-        /// State files that `campaign --state` wrote, one of each shard
-        #[arg(required = true)]
-        files: Vec<PathBuf>,
-        #[command(flatten)]
-        result: ResultArgs,
-    },
+    Merge(MergeArgs),
+    /// Report the progress of a campaign from the state files of its shards
+    Status(StatusArgs),
 }
 
 /// Performs a campaign, merges shards, or performs a soak; returns the exit code.
 pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8> {
-    if let Some(Part::Merge { files, result }) = &args.part {
-        return merge(files, result, output);
+    match &args.part {
+        Some(Part::Merge(args)) => return merge(args, output),
+        Some(Part::Status(args)) => return status(args, output),
+        None => {}
     }
     let scenario =
         ScenarioArgs { scenario: args.scenario.clone().unwrap_or_default(), set: args.set.clone() };
@@ -197,14 +183,18 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     }
     args.result.check().map_err(refuse)?;
     let vary = args.vary.as_deref().map(read_vary).transpose().map_err(refuse)?;
+    let variable = |name: &str| std::env::var_os(name).map(|v| v.to_string_lossy().into_owned());
+    let shard = args.shard.shard(&variable).map_err(refuse)?;
+    let kept = args.state.as_ref().map(|path| shards::place(path, shard)).transpose();
+    let kept = kept.map_err(refuse)?;
     let inputs = [("the scenario", args.scenario.as_ref()), ("--vary", args.vary.as_ref())];
-    let outputs = [("--state", args.state.as_ref()), ("-o", args.result.output.as_ref())];
+    let outputs = [("--state", kept.as_ref()), ("-o", args.result.output.as_ref())];
     clash(&inputs, &outputs)?;
     // A call without `--runs` is a soak or a mix, and has returned above.
     let shape = Shape {
         seed: args.seed,
         runs: args.runs.unwrap_or(1),
-        shard: args.shard,
+        shard,
         limit_s: args.limit_s,
         jobs: args.jobs,
     };
@@ -218,7 +208,7 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     };
     let mut campaign =
         Campaign::prepare(&scenario, &shape, text.unwrap_or_default(), draw).map_err(refused)?;
-    if let Some(path) = &args.state {
+    if let Some(path) = &kept {
         campaign.keep_in(path).map_err(|why| refuse(format!("{}: {why}", path.display())))?;
     }
     let performed = campaign.perform("campaign")?;
@@ -240,114 +230,6 @@ fn read_vary(path: &Path) -> Result<(String, Variations), String> {
     let text = text::read(path, text::SCENARIO).map_err(|why| format!("--vary: {why}"))?;
     let vary = Variations::read(path, &text).map_err(|faults| faults.to_string())?;
     Ok((text, vary))
-}
-
-/// Checks that a campaign is of this program and of one of its tasks.
-fn is_own(header: &Header) -> Result<(), String> {
-    catalogue::program().accepts(header.program.as_ref(), &header.task)
-}
-
-/// Merges state files and reports the result; returns the exit code.
-fn merge(files: &[PathBuf], result: &ResultArgs, output: &mut Output) -> anyhow::Result<u8> {
-    result.check().map_err(refuse)?;
-    let inputs: Vec<_> =
-        files.iter().map(|path| ("a state file of the campaign", Some(path))).collect();
-    clash(&inputs, &[("-o", result.output.as_ref())])?;
-    let (mut whole, mut shards): (Option<State>, _) = (None, Vec::new());
-    for path in files {
-        let unusable = |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", path.display()));
-        let file = text::open_any(path).map_err(refuse)?;
-        let state = State::read(BufReader::new(file)).map_err(|why| unusable(&why))?;
-        is_own(&state.header).map_err(|why| unusable(&why))?;
-        if state.torn {
-            complain(&format!("{}: its last line was cut off and is left out", path.display()));
-        }
-        shards.push(state.header.shard);
-        // The first file gives the header with which all others must agree.
-        match &mut whole {
-            None => whole = Some(state),
-            Some(whole) => whole.merge(state).map_err(|why| unusable(&why))?,
-        }
-    }
-    let Some(mut whole) = whole else { return Ok(WRONG) };
-    // A part of the shards is reported as well, with a warning.
-    let missing = whole.missing_shards(&shards);
-    if missing.count > 0 {
-        complain(&format!("the campaign is incomplete without the shards {missing}"));
-    }
-    let tally = Tally::of(&whole);
-    if !tally.is_of_one_build() {
-        complain("the shards are of different builds: the results measure no single program");
-    }
-    result.report(&tally, output)
-}
-
-impl ResultArgs {
-    /// Checks the options before the runs, which may take hours.
-    pub(super) fn check(&self) -> Result<(), String> {
-        match self.at_least {
-            Some(share) if !(0.0..=1.0).contains(&share) => {
-                Err(format!("--at-least: {share} is no share: write 0.995 for 99.5 %"))
-            }
-            _ => Ok(()),
-        }?;
-        self.output.as_deref().map_or(Ok(()), writable)
-    }
-
-    /// Prints a tally, writes its page, and compares it with `--at-least`; returns the exit code.
-    fn report(&self, tally: &Tally, output: &mut Output) -> anyhow::Result<u8> {
-        if !tally.is_complete() {
-            complain(&format!("{} of {} runs have a result", tally.runs(), tally.asked));
-        }
-        if self.json {
-            output.line(&tally.json().to_string())?;
-        } else {
-            output.text(&tally.table())?;
-        }
-        // The page comes last: if it cannot be written, the results are printed already.
-        if let Some(path) = &self.output {
-            if tally.runs() > 0 {
-                save(path, page::page(tally, self.at_least).as_bytes())?;
-                complain(&format!("report: {}", path.display()));
-            } else {
-                let path = path.display();
-                complain(&format!("no run has a result: the file {path} is not written"));
-            }
-        }
-        let Some(share) = self.at_least else { return Ok(0) };
-        let (runs, solved) = (tally.runs(), tally.solved);
-        // A part of the runs, or runs of different programs, do not measure the share.
-        let reason = if !tally.is_complete() || runs == 0 {
-            format!("{runs} of {} runs have a result", tally.asked)
-        } else if !tally.is_of_one_build() {
-            "the runs of different builds are no measurement of one program".to_owned()
-        } else if tally.success() < share {
-            format!("{solved} of {runs} runs are solved")
-        } else {
-            return Ok(0);
-        };
-        complain(&format!("--at-least {share} is not reached: {reason}"));
-        Ok(1)
-    }
-}
-
-/// Checks that a file can be written, before the runs, which may take hours.
-pub(super) fn writable(path: &Path) -> Result<(), String> {
-    let shown = path.display();
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    if let Some(missing) = folder.filter(|folder| !folder.is_dir()) {
-        return Err(format!("-o: there is no folder {}: make it first", missing.display()));
-    }
-    if path.is_dir() {
-        return Err(format!("-o: {shown} is a folder: name a file in it"));
-    }
-    // Opening a pipe may wait for its reader, so a pipe or a terminal is not tried.
-    if path.exists() && !path.is_file() {
-        return Ok(());
-    }
-    // Creating and removing the temporary file tries all rights that the report needs.
-    let tried = Place::create(path).and_then(|(_, place)| place.discard());
-    tried.map_err(|why| format!("-o: {shown}: {why}"))
 }
 
 /// Checks that no override of `--set` sets the seed, which would be the same in all runs.
@@ -503,7 +385,7 @@ impl Campaign {
             jobs: shape.jobs.map_or(cores, usize::from),
             limit: Duration::from_secs(shape.limit_s),
         };
-        let state = State { header, results: BTreeMap::new(), whole: 0, torn: false };
+        let state = State { header, results: BTreeMap::new(), whole: 0, damaged: 0, torn: false };
         let from = ScenarioArgs { scenario: path.clone(), set: args.set.clone() };
         Ok(Self { state, given: Given { from, sum }, runner, jobs, kept: None })
     }
@@ -515,7 +397,9 @@ impl Campaign {
         let mut file = own.map_err(|e| e.to_string())?;
         // The file is locked; the lock is released when this process ends, even if it is killed.
         if !new_file::lock_for_writing(&file, path) {
-            return Err("another campaign is writing it: name another file".to_owned());
+            return Err(
+                "another campaign is writing it: wait for its end, or name another file".to_owned()
+            );
         }
         match State::read(BufReader::new(&file)) {
             // A campaign that was killed while it wrote the first line leaves no complete line.
@@ -524,12 +408,15 @@ impl Campaign {
                 let written = file
                     .set_len(0)
                     .and_then(|()| file.seek(SeekFrom::Start(0)))
-                    .and_then(|_| file.write_all(first.as_bytes()));
+                    .and_then(|_| file.write_all(first.as_bytes()))
+                    // A host that takes over the shard sees the header, and the name in the folder.
+                    .and_then(|()| file.sync_data())
+                    .and_then(|()| new_file::keep_name(path));
                 written.map_err(|e| e.to_string())?;
             }
             Err(why) => return Err(why.to_string()),
             Ok(found) => {
-                is_own(&found.header)?;
+                shards::check_program(&found.header)?;
                 self.continue_from(found, &mut file, path)?;
             }
         }
@@ -554,8 +441,12 @@ impl Campaign {
         is_same_campaign(&found.header, own)?;
         let cut =
             if found.torn { "; its last line was cut off, so that run is repeated" } else { "" };
+        let damaged = match found.damaged {
+            0 => String::new(),
+            lines => format!("; {lines} damaged lines are left out and their runs are repeated"),
+        };
         complain(&format!(
-            "{}: has {} of {} runs, the campaign continues{cut}",
+            "{}: has {} of {} runs, the campaign continues{damaged}{cut}",
             path.display(),
             found.results.len(),
             self.jobs.len()
@@ -647,15 +538,6 @@ fn is_same_campaign(found: &Header, own: &Header) -> Result<(), String> {
 fn sentence(run: &RunResult) -> String {
     let phase = if run.phase.is_empty() { String::new() } else { format!(" in {}", run.phase) };
     format!("seed {} {}{phase}: {}", run.seed, run.verdict.word(), run.reason)
-}
-
-/// Formats a duration for people.
-fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 90.0 => format!("{s:.0} s"),
-        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
 }
 
 /// Reads the text of a scenario with the overrides `set` and the drawn values; returns all errors

@@ -407,6 +407,7 @@ fn file_that_cannot_be_read_exits_2() {
         &["campaign", "FILE", "--runs", "1"],
         &["campaign", "scenarios/idle.toml", "--runs", "1", "--vary", "FILE"],
         &["campaign", "merge", "FILE"],
+        &["campaign", "status", "FILE"],
         &["run", "scenarios/hardware.toml", "--set", "bridge.devices=FILE"],
         &["weigh", "scenarios/hardware.toml", "--arm", "track", "--set", "bridge.devices=FILE"],
         &["replay", "FILE"],

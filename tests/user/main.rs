@@ -5,6 +5,7 @@
 
 mod campaign;
 mod cli;
+mod cluster;
 mod contour;
 mod damage;
 mod hardware;
