@@ -34,7 +34,7 @@ Keys of the object of --json:
   missing      names of the first 20 shards without a file; missing_count: number of all of them
   damaged      number of lines that are no JSON and are left out
   changed_unix_s   moment of the last result (s since 1970); left_s: expected time left (s)
-  core_hours   computing time so far; run_s: its distribution over the runs (s: min, median, p95,
+  core_hours   computing time until now; run_s: its distribution over the runs (s: min, median, p95,
                p99, max)
   plan         runs, cores, core_hours, hours, with --plan
 Exit codes: 0 all runs have a result, 1 runs are missing, 2 wrong usage, or a file cannot be used,
@@ -44,7 +44,7 @@ pub(super) struct StatusArgs {
     /// with them
     #[arg(required = true, verbatim_doc_comment)]
     files: Vec<PathBuf>,
-    /// Print the core-hours that a campaign of N runs needs, from those so far
+    /// Print the core-hours that a campaign of N runs needs, from the runs that it has
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_RUNS))]
     plan: Option<u64>,
     /// Number of cores at a time for --plan, which then prints the hours as well

@@ -304,7 +304,8 @@ impl Journal {
             if bytes.strip_suffix(b"\n").unwrap_or(&bytes).len() as u64 > LONGEST {
                 return Err(Unreadable::Long(line));
             }
-            if line == 1 && bytes.starts_with(MADE) && bytes.ends_with(b"\n") {
+            // A crash may cut off the end of the first line: nothing had begun.
+            if line == 1 && bytes.starts_with(MADE) {
                 first = 2;
                 continue;
             }
@@ -400,7 +401,7 @@ mod tests {
         assert_eq!(Journal::interrupted(&path).as_deref(), Some("closing"));
 
         let whole = std::fs::read(&path).unwrap();
-        for cut in (1..signed - 1).chain(signed..whole.len() - 1) {
+        for cut in 1..whole.len() - 1 {
             std::fs::write(&path, &whole[..cut]).unwrap();
             assert_eq!(last(&path).unwrap(), None, "cut at {cut}");
             Journal::check_maker(&path, &maker).unwrap();
@@ -410,7 +411,7 @@ mod tests {
 
     #[test]
     fn journal_of_other_program_is_refused() {
-        let path = place("foreign");
+        let path = place("other-program");
         let own = Maker { tasks: vec!["solve".to_owned()], ..Maker::default() };
         let tasks = vec!["wave".to_owned()];
         let other = Maker { program: "own_cell".to_owned(), version: "0.1.0".to_owned(), tasks };

@@ -3,8 +3,8 @@
 //! - in: types that implement [`Task`] and [`Verdict`], from this crate or another one
 //! - out: a [`Registry`], and from it the [`Catalogue`] with which scenarios are read
 //!
-//! The kernel of a task knows the controller's half of a scenario alone. A verdict knows the plant
-//! alone. So a task can neither see the truth nor judge itself.
+//! The kernel of a task knows the controller's half of a scenario alone. A verdict knows the plant,
+//! and the files that the task wrote. So a task can neither see the truth nor judge itself.
 
 mod device;
 mod entry;

@@ -1,4 +1,4 @@
-//! The verdict on a task, by the truth of the plant alone.
+//! The verdict on a task, by the truth of the plant, and by the files that the task wrote.
 //!
 //! - in: the keys of the task; the facts of the plant at the beginning and at the end
 //! - out: how the plant begins; whether the task is done, in words and figures

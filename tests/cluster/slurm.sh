@@ -24,7 +24,14 @@ unchecked() {
 [ "$(id -u)" = 0 ] || unchecked "slurmctld and slurmd need root"
 # Debian has the daemons in /usr/sbin.
 PATH=$PATH:/usr/sbin
-if ! command -v slurmctld slurmd munged > /dev/null; then
+# complete: checks that all three daemons are installed.
+complete() {
+    local daemon
+    for daemon in slurmctld slurmd munged; do
+        command -v "$daemon" > /dev/null || return 1
+    done
+}
+if ! complete; then
     { apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install -y \
         --no-install-recommends slurm-wlm munge; } > "$folder/apt.log" 2>&1 \
         || unchecked "the packages slurm-wlm and munge cannot be installed: $folder/apt.log"
@@ -49,10 +56,11 @@ over() {
     rm -rf "$state"
     exit "$code"
 }
+# Set before the trap, so that it cancels no job of another cluster.
+export SLURM_CONF=$state/slurm.conf
 trap over EXIT
 
 host=$(hostname -s)
-export SLURM_CONF=$state/slurm.conf
 cat > "$SLURM_CONF" << END
 ClusterName=test
 SlurmctldHost=$host(127.0.0.1)
