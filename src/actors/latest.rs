@@ -1,6 +1,6 @@
 //! The latest values of every actor and arm, for the UI. A writer replaces the value before and
-//! never waits for a reader. The real-time thread of a servo does not write here: its records come by
-//! a ring. The thread of a simulated plant gives up a write if a reader holds the lock.
+//! never waits for a reader. The real-time thread of a servo does not write here: its records come
+//! by a ring. The thread of a simulated plant gives up a write if a reader holds the lock.
 
 use crate::cell::Cell;
 use crate::generators::Behaviour;
