@@ -393,7 +393,6 @@ mod tests {
         let maker = Maker { tasks: vec!["solve".to_owned()], ..Maker::default() };
         let mut journal = open(&path, false).unwrap();
         journal.sign(&maker, "solve").unwrap();
-        let signed = std::fs::read(&path).unwrap().len();
         assert_eq!(last(&path).unwrap(), None);
         journal.write(&entry("closing")).unwrap();
         drop(journal);
