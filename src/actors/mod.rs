@@ -29,6 +29,8 @@ pub mod notice;
 pub(crate) mod present;
 pub mod sensor;
 pub mod services;
+#[cfg(test)]
+mod testing;
 pub mod trace;
 pub mod ui;
 pub mod vsp;

@@ -101,7 +101,9 @@ impl Observer {
             self.recorder
                 .record_some(tick, || world.scene().map(|scene| Entry::Scene(Box::new(scene))));
             self.events.look(tick, world.plant());
-            if let (Some((latest, loose)), Some(scene)) = (&self.shown, world.scene()) {
+            if let Some((latest, loose)) = &self.shown
+                && let Some(scene) = world.scene()
+            {
                 let place = |(i, name): &(usize, String)| {
                     let object = scene.objects.get(*i).copied().flatten()?;
                     Some((name.clone(), object.world_from_object))

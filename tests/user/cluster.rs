@@ -1,9 +1,10 @@
 //! Campaigns whose shards are tasks of a scheduler: the shard from the environment, the files in a
 //! folder, the progress, a task that is started again.
 
+use crate::folder::Folder;
 use crate::program::program;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 /// Arguments of a campaign whose runs idle for a second.
@@ -19,36 +20,6 @@ const VARIABLES: [&str; 8] = [
     "JOB_COMPLETIONS",
     "PARALLEL_SEQ",
 ];
-
-/// Temporary folder, which is removed when the test ends.
-struct Folder(PathBuf);
-
-impl Folder {
-    /// Makes an empty folder whose name ends with `name`.
-    fn new(name: &str) -> Self {
-        let path =
-            std::env::temp_dir().join(format!("rubik-cluster-{}-{name}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&path);
-        std::fs::create_dir(&path).unwrap();
-        Self(path)
-    }
-
-    /// Returns the path of the folder.
-    fn path(&self) -> &str {
-        self.0.to_str().unwrap()
-    }
-
-    /// Returns the path of a file in the folder.
-    fn file(&self, name: &str) -> String {
-        self.0.join(name).to_str().unwrap().to_owned()
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 /// Removes the variables of schedulers from a command and sets those of `environment`, pairs
 /// `NAME=VALUE`.
@@ -98,7 +69,7 @@ fn tasks_of_schedulers_share_a_campaign() {
     let whole = object(&robot("", &[&IDLE[..], &["--runs", "5"]].concat()), 0);
     let schedulers = [("slurm", task as fn(u64, u64) -> String), ("pods", pod)];
     for (name, of_task) in schedulers {
-        let folder = Folder::new(name);
+        let folder = Folder::new(&format!("cluster-{name}"));
         let args = ["--runs", "5", "--shard", "auto", "--state", folder.path()];
         let run = |id| robot(&of_task(id, 2), &[&IDLE[..], &args].concat());
         let first = object(&run(0), 0);
@@ -122,7 +93,7 @@ fn tasks_of_schedulers_share_a_campaign() {
 /// leaves the file locked by a dead process, the next one continues the file.
 #[test]
 fn requeued_task_continues_its_own_file() {
-    let folder = Folder::new("requeue");
+    let folder = Folder::new("cluster-requeue");
     let file = folder.file("shard-1-of-2.jsonl");
     // Runs in real time, so that the process is killed between two of its three runs.
     let slowly = ["--set", "pace=real-time", "--runs", "6", "--jobs", "1", "--shard", "auto"];
@@ -155,7 +126,7 @@ fn requeued_task_continues_its_own_file() {
 
 #[test]
 fn status_reports_progress_and_missing_shards() {
-    let folder = Folder::new("status");
+    let folder = Folder::new("cluster-status");
     let shard = ["--runs", "5", "--shard", "1/3", "--state", folder.path()];
     object(&robot("", &[&IDLE[..], &shard].concat()), 0);
     // A task that was killed at its start, and a file that is none of the campaign.
@@ -191,7 +162,7 @@ fn status_reports_progress_and_missing_shards() {
 /// task repeats the run.
 #[test]
 fn damaged_line_costs_only_its_run() {
-    let folder = Folder::new("damaged");
+    let folder = Folder::new("cluster-damaged");
     let args = [&IDLE[..], &["--runs", "3", "--state", folder.path()]].concat();
     let whole = object(&robot("", &args), 0);
     let file = folder.file("shard-1-of-1.jsonl");
@@ -212,7 +183,7 @@ fn damaged_line_costs_only_its_run() {
 
 #[test]
 fn unclear_shards_and_folders_are_refused() {
-    let folder = Folder::new("refused");
+    let folder = Folder::new("cluster-refused");
     let path = folder.path();
     let auto = [&IDLE[..], &["--runs", "5", "--shard", "auto"]].concat();
     let both = format!("{} JOB_COMPLETION_INDEX=0 JOB_COMPLETIONS=2", task(0, 2));
@@ -241,7 +212,7 @@ fn unclear_shards_and_folders_are_refused() {
 /// The script for Slurm performs the shard of its task as `sbatch` starts it, and makes the folder.
 #[test]
 fn sbatch_script_performs_shard_of_its_task() {
-    let folder = Folder::new("sbatch");
+    let folder = Folder::new("cluster-sbatch");
     let shards = folder.file("shards");
     let sbatch = |args: &[&str]| {
         let mut script = Command::new("bash");

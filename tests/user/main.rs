@@ -8,6 +8,7 @@ mod cli;
 mod cluster;
 mod contour;
 mod damage;
+mod folder;
 mod hardware;
 mod last_second;
 mod missions;

@@ -1,8 +1,9 @@
 //! The program under signals, at limits of the system, and beside a second one.
 
+use crate::folder::Folder;
 use crate::program::program;
 use rustix::process::{Pid, Signal, kill_process};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
@@ -14,25 +15,6 @@ const MINUTE: &str = "idle.time_s=60";
 
 /// Longest time in which a process starts or ends on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
-
-/// A folder that is removed at the end of the test.
-struct Folder(PathBuf);
-
-impl Folder {
-    /// Creates an empty folder for the test of this name.
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("rubik-robust-{}-{name}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&path);
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 /// Waits until `happened` returns `true`. `what` names the event in the failure.
 fn until(what: &str, mut happened: impl FnMut() -> bool) {
@@ -102,7 +84,7 @@ fn signals_of_limits_end_the_run() {
 /// The size of a stack larger than the address space makes each thread impossible.
 #[test]
 fn impossible_thread_is_a_system_error() {
-    let (folder, all) = (Folder::new("thread"), ["--set", "idle.time_s=1"]);
+    let (folder, all) = (Folder::new("robust-thread"), ["--set", "idle.time_s=1"]);
     let record = folder.0.join("r.mcap");
     let pages: &[&[&str]] = &[
         &["run", "scenarios/idle.toml", "--ui", "none"],
@@ -124,7 +106,7 @@ fn impossible_thread_is_a_system_error() {
 /// Two recordings to one file would damage each other.
 #[test]
 fn second_recording_to_one_file_is_refused() {
-    let folder = Folder::new("record");
+    let folder = Folder::new("robust-record");
     let path = folder.0.join("r.mcap");
     let record = |run: &mut std::process::Command, path: &Path| {
         run.args(LONG).arg(MINUTE).arg("--record").arg(path);

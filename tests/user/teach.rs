@@ -1,38 +1,22 @@
 //! The task `teach`, under virtual time: an arm is led by hand, the way becomes a file, and the
 //! file, edited or not, is played back.
 
+use crate::folder::Folder;
 use crate::missions::run;
 use nalgebra::{Point3, Vector3};
 use rubik_robot::record::summary::{Outcome, Summary};
 use rubik_robot::run::{RunContext, RunOptions, run_with};
 use rubik_robot::scenario::Override;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 /// A lead that a person ends after one short leg.
 const SHORT: &str = "lead=[{arm=\"postument\",points_mm=[[0,0,60]],speed_mm_s=14,force_n=18,\
                      at_s=2}]";
 
-/// Folder of a test, which is removed at its end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("teach-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    /// Returns the override that names a file in this folder.
-    fn key(&self, file: &str) -> String {
-        format!("teach.file={}", self.0.join(file).display())
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
+/// Returns the override that names a file in a folder.
+fn key(folder: &Folder, file: &str) -> String {
+    format!("teach.file={}", folder.file(file))
 }
 
 /// Returns a figure of the summary.
@@ -100,10 +84,12 @@ fn numbers(text: &str, key: &str) -> (String, [f64; 3]) {
 /// the judge judges by it.
 #[test]
 fn edited_file_changes_the_played_way() {
-    let folder = Folder::new("edited");
+    let folder = Folder::new("teach-edited");
     let file = folder.0.join("way.toml");
-    let taught =
-        run("teach.toml", &["teach.mode=teach", "teach.play=line", SHORT, &folder.key("way.toml")]);
+    let taught = run(
+        "teach.toml",
+        &["teach.mode=teach", "teach.play=line", SHORT, &key(&folder, "way.toml")],
+    );
     assert_eq!(taught.outcome, Outcome::Solved, "{}", taught.reason);
     let text = std::fs::read_to_string(&file).unwrap();
     let (line, [x, y, z]) = numbers(&text, "xyz_mm");
@@ -125,11 +111,11 @@ fn edited_file_changes_the_played_way() {
 
 #[test]
 fn taught_file_never_replaces_an_existing_one() {
-    let folder = Folder::new("kept");
+    let folder = Folder::new("teach-kept");
     let mine = folder.0.join("way.toml");
     std::fs::write(&mine, "mine").unwrap();
 
-    let summary = run("teach.toml", &["teach.mode=teach", SHORT, &folder.key("way.toml")]);
+    let summary = run("teach.toml", &["teach.mode=teach", SHORT, &key(&folder, "way.toml")]);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert_eq!(std::fs::read_to_string(&mine).unwrap(), "mine");
@@ -144,7 +130,7 @@ const WRONG: &str =
 
 #[test]
 fn missing_or_wrong_way_is_refused_before() {
-    let folder = Folder::new("wrong");
+    let folder = Folder::new("teach-wrong");
     let file = folder.0.join("way.toml");
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/teach.toml");
     let faults = |keys: &[&str]| {
@@ -152,7 +138,7 @@ fn missing_or_wrong_way_is_refused_before() {
         rubik_robot::tasks::load(&path, &keys).unwrap_err().to_string()
     };
 
-    let named = folder.key("way.toml");
+    let named = key(&folder, "way.toml");
     assert!(faults(&["teach.mode=play"]).contains("`teach.file` is missing"));
     let missing = faults(&["teach.mode=play", &named]);
     assert!(missing.contains(&file.display().to_string()), "{missing}");
@@ -166,7 +152,7 @@ fn missing_or_wrong_way_is_refused_before() {
 /// replay writes no file.
 #[test]
 fn missing_folder_is_refused_before_the_lesson() {
-    let folder = Folder::new("folder");
+    let folder = Folder::new("teach-folder");
     let text = "task = \"teach\"\n[teach]\nfile = \"none/way.toml\"\n";
     let path = folder.0.join("t.toml");
     let mut catalogue = rubik_robot::tasks::built_in().catalogue();
@@ -220,10 +206,10 @@ fn person_who_pulls_too_strongly_ends_guidance() {
 /// The emergency stop ends the run while the arm is led. Nothing was taught, so no file is written.
 #[test]
 fn emergency_stop_ends_guidance_without_a_file() {
-    let folder = Folder::new("emergency");
+    let folder = Folder::new("teach-emergency");
     let stop = "fault=[{name=\"e\",kind=\"emergency_stop\",at_s=5}]";
 
-    let summary = run("teach.toml", &[stop, &folder.key("way.toml")]);
+    let summary = run("teach.toml", &[stop, &key(&folder, "way.toml")]);
 
     assert_eq!(summary.outcome, Outcome::Aborted, "{}", summary.reason);
     assert_eq!(std::fs::read_dir(&folder.0).unwrap().count(), 0);

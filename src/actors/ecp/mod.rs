@@ -338,10 +338,19 @@ impl Ecp {
         }
     }
 
-    /// Runs the generator of a behaviour to its end: one command for the EDP in each macrostep.
-    /// Returns the outcome and the state of the arm at the end.
+    /// Carries out a behaviour from the present state of the arm, as [`Self::behave_from`] does.
     async fn behave(&mut self, behaviour: &Behaviour) -> Result<(Outcome, ArmState), Error> {
-        let mut state = self.heartbeat.away(self.parts.edp.state()).await?;
+        let state = self.heartbeat.away(self.parts.edp.state()).await?;
+        self.behave_from(behaviour, state).await
+    }
+
+    /// Runs the generator of a behaviour to its end: one command for the EDP in each macrostep.
+    /// `state` is the present state of the arm. Returns the outcome and the state at the end.
+    async fn behave_from(
+        &mut self,
+        behaviour: &Behaviour,
+        mut state: ArmState,
+    ) -> Result<(Outcome, ArmState), Error> {
         let mut motion =
             MoveInstruction::begin(behaviour, &self.parts.manner, &state).map_err(|cause| {
                 Error::NonFatal { actor: self.name.clone(), place: "begin a motion", cause }

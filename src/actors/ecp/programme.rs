@@ -144,14 +144,14 @@ impl Ecp {
 
     /// Carries out a behaviour to its end if its path is free. Returns its outcome as an event.
     async fn move_by(&mut self, mut order: Behaviour) -> Result<Event<()>, Error> {
+        let arm = self.heartbeat.away(self.parts.edp.state()).await?;
         if let Some(surroundings) = &self.parts.surroundings {
-            let arm = self.heartbeat.away(self.parts.edp.state()).await?;
             let manner = &self.parts.manner;
             surroundings.admit(&mut order, manner, (&arm, self.tool)).map_err(|cause| {
                 Error::NonFatal { actor: self.name.clone(), place: "check a path", cause }
             })?;
         }
-        let (outcome, _) = self.behave(&order).await?;
+        let (outcome, _) = self.behave_from(&order, arm).await?;
         Ok(Event::Behaved(vec![Some(outcome)]))
     }
 

@@ -73,10 +73,11 @@ impl Surroundings {
 mod tests {
     use super::*;
     use crate::actors::move_instruction::example_manner;
+    use crate::actors::testing::{meeting, to};
     use crate::generators::own::MotionGenerator as _;
     use crate::generators::paths::{Along, JointPolyline};
     use crate::motion::{JointPositions, Synchronisation};
-    use crate::reach::{Meeting, MeetingTable, ReachSettings, example_cell};
+    use crate::reach::example_cell;
 
     /// Returns the state of a synchronised arm that stands at these joint positions.
     fn standing(joints: JointPositions) -> ArmState {
@@ -109,24 +110,6 @@ mod tests {
         let mut manner = example_manner();
         (manner.speeds.joint[0], manner.speeds.joint_acceleration[0]) = (0.5, 1.0);
         manner
-    }
-
-    /// Returns a joint motion to `target` at full speed.
-    fn to(target: JointPositions) -> Behaviour {
-        Behaviour::Joints { target, speed: 1.0, seconds: 0.0 }
-    }
-
-    /// Returns the first meeting of the hands, and a function that returns the track arm's joint
-    /// positions for a distance along its track from there (m).
-    fn meeting() -> (Meeting, impl Fn(f64) -> JointPositions) {
-        let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
-        let meeting = table.grasps.into_iter().flatten().next().unwrap();
-        let along = move |by: f64| {
-            let mut track = meeting.track;
-            track.0[0] += by;
-            track
-        };
-        (meeting, along)
     }
 
     #[test]

@@ -126,8 +126,7 @@ impl Mp {
         // an arm that comes too near an obstacle.
         if let Some(guard) = self.guard() {
             let from = self.known().map(|arm| arm.map(|arm| &arm.desired_joints));
-            let apart = guard.keep_apart(from, [&PlannedMotion::Stays, &PlannedMotion::Stays]);
-            self.parts.apart.set(apart || !self.programmes.running.is_empty());
+            self.keep_apart(guard.keep_apart(from, [&PlannedMotion::Stays, &PlannedMotion::Stays]));
         }
         let mut jog = Jog::new(axis, by, macrostep);
         while !jog.is_over() {

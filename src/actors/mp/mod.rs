@@ -216,6 +216,12 @@ impl Mp {
         })
     }
 
+    /// Tells the lookout whether the hands are to keep apart during MP's own motions. The hand of a
+    /// programme must stay apart from every other one.
+    fn keep_apart(&self, apart: bool) {
+        self.parts.apart.set(apart || !self.programmes.running.is_empty());
+    }
+
     /// Returns the guard that checks paths, with the present openings of the jaws. Returns `None`
     /// for a run without a cell.
     fn guard(&self) -> Option<Guard> {
@@ -236,9 +242,8 @@ impl Mp {
             manners: [0, 1].map(|i| self.parts.manners.get(i)),
         };
         let apart = ways::admit(&guard, known, orders, forecasts)?;
-        // Before the motion begins, so that the lookout judges all of it by the right rule. The
-        // hand of a programme must stay apart from every other one.
-        self.parts.apart.set(apart || !self.programmes.running.is_empty());
+        // Before the motion begins, so that the lookout judges all of it by the right rule.
+        self.keep_apart(apart);
         Ok(())
     }
 
@@ -663,6 +668,7 @@ mod tests {
     use super::super::{ecp, edp};
     use super::*;
     use crate::actors::ecp::Report;
+    use crate::actors::testing::{meeting, to};
     use crate::generators::own::MotionGenerator as _;
     use crate::generators::paths::{Along, JointPolyline};
     use crate::hw::driver::{self, Switches};
@@ -670,7 +676,7 @@ mod tests {
     use crate::kernel::programme::Programmes;
     use crate::motion::JointPositions;
     use crate::reach::guard::PlannedMotion;
-    use crate::reach::{Meeting, MeetingTable, ReachSettings, example_cell};
+    use crate::reach::{MeetingTable, ReachSettings, example_cell};
     use crate::record::run_hash::RunHash;
     use nalgebra::Vector3;
 
@@ -710,24 +716,6 @@ mod tests {
     fn arm(joints: JointPositions) -> ArmState {
         let synchronisation = Synchronisation::Yes;
         ArmState { desired_joints: joints, synchronisation, ..ArmState::default() }
-    }
-
-    /// Returns a joint motion to `target` at full speed.
-    fn to(target: JointPositions) -> Behaviour {
-        Behaviour::Joints { target, speed: 1.0, seconds: 0.0 }
-    }
-
-    /// Returns the first meeting of the hands in the table, and a function that returns the track
-    /// arm's joint positions for a distance along its track from that meeting (m).
-    fn meeting() -> (Meeting, impl Fn(f64) -> JointPositions) {
-        let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
-        let meeting = table.grasps.into_iter().flatten().next().unwrap();
-        let along = move |by: f64| {
-            let mut track = meeting.track;
-            track.0[0] += by;
-            track
-        };
-        (meeting, along)
     }
 
     /// Returns the guard of the example cell, with a limit of 0.25 m/s near the operator.

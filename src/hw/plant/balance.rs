@@ -587,8 +587,6 @@ pub(super) struct Rounds {
     step: Option<Step>,
     /// Imbalance of this round (tolerances).
     left: f64,
-    /// Whether the bodies are back at the start of the last step.
-    returned: bool,
 }
 
 impl Rounds {
@@ -607,11 +605,10 @@ impl Rounds {
         let overshot = round > ROUNDS && left > OVERSHOT * before;
         let stalls = round > ROUNDS && left > 0.97 * before && !overshot;
         self.stalled = if stalls { self.stalled + 1 } else { 0 };
-        if left < enough || self.returned || self.stalled == STALLED {
+        if left < enough || self.stalled == STALLED {
             return Round::Ends;
         }
         if round == MOST_ROUNDS {
-            self.returned = overshot;
             return if overshot { Round::Returns } else { Round::Ends };
         }
         self.left = left;
@@ -628,9 +625,9 @@ impl Rounds {
         }
     }
 
-    /// Moves the bodies back to the start of the last step.
-    pub(super) fn go_back(&self, nodes: &mut [Frame]) {
-        if let Some(step) = &self.step {
+    /// Undoes the last step, so that the next round ends: nothing has overshot any more.
+    pub(super) fn go_back(&mut self, nodes: &mut [Frame]) {
+        if let Some(step) = self.step.take() {
             nodes.copy_from_slice(&step.from[..nodes.len()]);
         }
     }

@@ -126,17 +126,11 @@ async fn grasp(robot: &Robot, hand: &Hand) -> Result<bool, Hindrance> {
         selector: [true; 6],
         stops: Depth::One,
     };
-    for _ in 0..TRIES {
-        match robot.behave(0, grasp.clone()).await {
-            Ok(Outcome::Grasped(_)) => return Ok(true),
-            Ok(outcome) => {
-                robot.tell(format!("{outcome}"));
-                return Ok(false);
-            }
-            Err(why) => robot.tell(format!("the jaws were stopped: {why}")),
-        }
-        robot.pause(SETTLES).await?;
+    let met = robot.insist(0, grasp, TRIES).await;
+    if let Ok(Outcome::Grasped(_)) = met {
+        return Ok(true);
     }
+    robot.tell(met.map_or_else(|why| why.to_string(), |outcome| outcome.to_string()));
     Ok(false)
 }
 
