@@ -141,6 +141,27 @@ fn damaged_record_between_chunks_costs_no_message() {
     }
 }
 
+/// The length of a list says that it ends where the record behind the next chunk begins, so that a
+/// record follows it as it should. Its fields end before the chunk.
+#[test]
+fn list_with_wrong_length_takes_no_chunk_along() {
+    let bytes = idle("reaching.mcap");
+    let (whole, _) = read(&bytes);
+    let mut tried = 0;
+    for chunk in records(&bytes, CHUNK) {
+        let lists = records(&bytes, LIST);
+        let Some(list) = lists.into_iter().find(|list| list.end + HEAD == chunk.start) else {
+            continue;
+        };
+        let mut damaged = bytes.clone();
+        let length = (chunk.end - list.start) as u64;
+        damaged[list.start - HEAD + 1..list.start].copy_from_slice(&length.to_le_bytes());
+        assert_cost(&damaged, &whole, 0, &format!("list at {}", list.start));
+        tried += 1;
+    }
+    assert!(tried > 0);
+}
+
 /// After a power cut some file systems give a file its length, and zeros that were never written.
 #[test]
 fn zero_filled_tail_costs_no_more_than_cut() {
