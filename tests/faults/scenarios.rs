@@ -628,8 +628,8 @@ fn hand_retracts_when_hidden_cube_is_withdrawn() {
 
 /// Name of the file, exit code, and words that the operator reads.
 const REPORTS: &[(&str, i32, &[&str])] = &[
-    ("encoder_freeze", 3, &["fatal", "edp track", "period 2", "axis 6", "encoder does not move"]),
-    ("encoder_jump", 3, &["fatal", "edp track", "period 2", "axis 3", "jumped by 3.00 rad"]),
+    ("encoder_freeze", 3, &["fatal", "edp track", "period 3", "axis 6", "encoder does not move"]),
+    ("encoder_jump", 3, &["fatal", "edp track", "period 3", "axis 3", "jumped by 3.00 rad"]),
     ("over_current", 3, &["fatal", "edp postument", "axis 4", "over-current, 14.5 A"]),
     ("limit_switch", 3, &["fatal", "edp track", "period 95", "axis 0", "limit switch"]),
     ("force_dropout", 3, &["fatal", "edp track", "force sensor: no reading along x"]),
@@ -661,7 +661,7 @@ const REPORTS: &[(&str, i32, &[&str])] = &[
     (
         "duplicated_message",
         0,
-        &["reached the servo twice: it was executed once", "edp track", "period=2"],
+        &["reached the servo twice: it was executed once", "edp track", "period=3"],
     ),
     ("disk_full", 0, &["the recording stops: No space left", "lost: No space left"]),
     ("disk_error", 0, &["state can no longer be saved: Input/output error", "it is removed"]),

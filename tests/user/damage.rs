@@ -144,7 +144,7 @@ fn damaged_record_between_chunks_costs_no_message() {
 /// The length of a list says that it ends where the record behind the next chunk begins, so that a
 /// record follows it as it should. Its fields end before the chunk.
 #[test]
-fn list_with_wrong_length_takes_no_chunk_along() {
+fn list_with_wrong_length_costs_no_chunk() {
     let bytes = idle("reaching.mcap");
     let (whole, _) = read(&bytes);
     let mut tried = 0;

@@ -17,7 +17,7 @@ use super::grasp::{FRONT_STIFFNESS, Grasp, Hold, Touch};
 use super::hand::Sight;
 use super::undoing::Undoing;
 use super::verdict::MOST_EVENTS;
-use super::{Event, Exertion, Incident, Part, Plant, State, StillWatch, lowest_face};
+use super::{Event, Exertion, GRAVITY, Incident, Part, Plant, State, StillWatch, lowest_face};
 use crate::cube::{Axis, Keeper};
 use crate::spatial::Twist;
 use nalgebra::{Point3, Vector3};
@@ -201,12 +201,12 @@ impl Plant {
 
     /// Detects that neither a gripper nor the operator holds the cube any more. Records whether it
     /// falls, or an arm has laid it down on the table.
-    fn look_for_drop(&mut self) {
+    pub(super) fn look_for_drop(&mut self) {
         if self.state != State::Held || self.hand.has_it_back() {
             return;
         }
-        let carried = self.hand.hold(self.time()).is_some() || self.grasps.iter().any(Grasp::holds);
-        if carried {
+        let carried = (0..self.arms.len()).any(|i| self.carries(i));
+        if carried || self.hand.hold(self.time()).is_some() {
             return;
         }
         for i in 0..self.arms.len() {
@@ -230,6 +230,20 @@ impl Plant {
         self.verdict.counts.drops += 1;
         self.verdict.counts.violations.let_fall += u32::from(let_fall);
         self.record(Incident::Drop { arm: self.last_holder });
+    }
+
+    /// Checks whether arm `i` carries the cube: its grasp holds, and if its jaws open high above
+    /// the table, the friction of their pads still bears the cube's weight. Below it no balance
+    /// exists: the search for one pressed a cube that the other hand had just lost against its palm
+    /// with 205 N. Near the table the cube slides down onto it.
+    fn carries(&self, i: usize) -> bool {
+        let (cube, jaws, jaw) = (&self.config.cell.cube, &self.config.jaws, &self.jaws[i]);
+        let width = cube.edge.max(self.balance.touches[i].width);
+        // Each pad has half of the stiffness over half of the overlap, and both pads rub.
+        let grip = 0.25 * jaws.stiffness[1] * (width - jaw.opening());
+        let bears = 2.0 * jaws.friction * grip > GRAVITY * cube.mass;
+        let high = self.balance.nodes[0].p.z - self.config.cell.table_height > cube.edge;
+        self.grasps[i].holds() && (bears || !jaw.opens() || !high)
     }
 
     /// Checks whether the table carries the cube flat on a face.
@@ -346,6 +360,27 @@ mod tests {
             "{:?}",
             tilted.events
         );
+    }
+
+    /// One hand has lost its grip, and the jaws of the other one open on the cube. Just before they
+    /// let go, the friction of their pads no longer bears the cube: a balance of forces would press
+    /// it against a palm.
+    #[test]
+    fn cube_between_opening_jaws_falls_without_blow() {
+        let mut servo =
+            TestServo::new(Plant::new(held(Jaws::rubber(), CubeMechanics::of_2007()), 1).unwrap());
+        servo.jaws[1] = (0.055, 30.0);
+        servo.run(1.5);
+        assert!(servo.plant.grasps.iter().all(Grasp::holds), "both hands hold the cube");
+        servo.plant.verdict.arm_peak_force = [0.0; 2];
+        servo.plant.grasps[0].lost = true;
+
+        servo.jaws[1] = (0.085, 30.0);
+        servo.run(1.0);
+
+        let verdict = servo.plant.verdict();
+        assert_eq!(verdict.counts.drops, 1, "{:?}", verdict.events);
+        assert!(verdict.arm_peak_force.iter().all(|f| *f < 40.0), "{:?}", verdict.arm_peak_force);
     }
 
     /// A blow of the jaws may be over when the period ends.

@@ -410,6 +410,8 @@ impl Plant {
             self.jaws[i].step(&drives[i], push, slope, dt);
         }
         self.change_grasps();
+        // A balance of forces on a cube without a holder would press it against the other hand.
+        self.look_for_drop();
     }
 
     /// Returns force and torque (N, Nm) of all contacts on the tool of arm `i`, about the tool

@@ -347,14 +347,23 @@ impl Robot {
     }
 
     /// Returns the distance before the cube at which a guarded approach begins (m). The cube may be
-    /// nearer than believed, by the filter's uncertainty and by the error of the last grasps.
+    /// nearer than believed, by the filter's uncertainty and by the error of the last grasps. It
+    /// may also be so far aside that a finger would meet its face.
     fn short_of_cube(&self, hand: Hand, grip: Grip) -> f64 {
-        let least = self.settings.pre_grasp;
+        let s = &self.settings;
+        let doubt = self.belief.doubt(hand, grip.hold, grip.half_roll, &self.arms);
+        let most = |deviation: f64| DEVIATIONS * deviation.hypot(UNMODELLED);
         // The last errors alone are not enough: the filter was uncertain by 2 mm before an error of
         // 4.6 mm, and a line of 450 mm/s hit the cube with 20 N.
-        let doubt = self.belief.doubt_ahead(hand, grip.hold, grip.half_roll, &self.arms);
-        let off = doubt.map_or(UNSURE, |deviation| DEVIATIONS * deviation.hypot(UNMODELLED));
-        (off.max(self.miss) + STOP_MARGIN).clamp(least, least.max(UNSURE))
+        let off = doubt.map_or(UNSURE, |deviation| most(deviation.z));
+        let short = (off.max(self.miss) + STOP_MARGIN).clamp(s.pre_grasp, s.pre_grasp.max(UNSURE));
+        let room = 0.5 * (self.arms[hand.index()].jaw_opening - s.edge);
+        if doubt.is_some_and(|deviation| most(deviation.y) < room) {
+            short
+        } else {
+            // The fingers stop before the face.
+            short + s.finger_depth[usize::from(grip.hold.depth == Depth::Two)]
+        }
     }
 
     /// Returns the `base_from_tool` at which a hand would have the partner's cube in a grip.
@@ -774,6 +783,7 @@ mod tests {
             let (end, _) = stage.play(secures, &mut goes_well);
             assert_eq!(end, Ok(()));
             stage.robot.belief.released(Hand::Postument);
+            stage.robot.arms[1].jaw_opening = settings().opening;
             approach_begins(&mut stage)
         };
         let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b}");
@@ -782,6 +792,19 @@ mod tests {
         near(after(0.009), 0.009 + 0.0025);
         near(after(0.0), 0.0045 + 0.0025);
         near(after(-0.008), 0.008 + 0.0025);
+    }
+
+    /// In narrow jaws a cube that is a little aside is in the way of a finger.
+    #[test]
+    fn approach_with_little_room_begins_before_face() {
+        let begins = |opening: f64| {
+            let mut stage = Stage::holding(settings());
+            stage.robot.arms[1].jaw_opening = opening;
+            approach_begins(&mut stage)
+        };
+        let edge = settings().edge;
+        let farther = begins(edge + 0.01) - begins(edge + 0.04);
+        assert!((farther - settings().finger_depth[0]).abs() < 1e-12, "{farther} m");
     }
 
     #[test]

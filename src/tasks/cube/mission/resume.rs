@@ -168,7 +168,7 @@ pub(super) async fn leave_to_the_operator(
 async fn one_holds(robot: &mut Robot, hand: Hand, last: &Entry) -> Result<Station, Failure> {
     robot.note(format!("the {} hand holds the cube", hand.name()));
     let (other, hold) = (hand.other(), assumed(last, hand));
-    robot.belief.taken(hand, hold, false);
+    robot.belief.found(hand, hold, false);
     let left = robot.way_back_left();
     if hand == Hand::Track && robot.settings.keeper == Keeper::Person {
         // The journal says "handing back" only once the cube is out, so its position counts too.
@@ -249,8 +249,8 @@ async fn both_hold(robot: &mut Robot, last: &Entry) -> Result<Station, Failure> 
     robot.check_hold()?;
     let Misaligned { turner, by, grip } = find_misaligned(robot, last);
     let body = turner.other();
-    robot.belief.taken(body, assumed(last, body), false);
-    robot.belief.taken(turner, grip.hold, grip.half_roll);
+    robot.belief.found(body, assumed(last, body), false);
+    robot.belief.found(turner, grip.hold, grip.half_roll);
     let left = robot.way_back_left();
     // The jaws of the next grasp straighten a smaller angle.
     if by.abs() > STRAIGHT {
