@@ -284,7 +284,7 @@ impl Robot {
     /// Has one effector carry out a behaviour, and returns its outcome.
     ///
     /// # Errors
-    /// If the behaviour was refused or has ended with an alarm.
+    /// If the behaviour was refused, or has ended with another alarm than [`Outcome::Lost`].
     pub async fn behave(
         &self,
         effector: usize,
@@ -321,7 +321,8 @@ impl Robot {
     /// their outcomes.
     ///
     /// # Errors
-    /// If a behaviour was refused or has ended with an alarm.
+    /// If a behaviour was refused, or has ended with an alarm while no effector has lost what it
+    /// carries. If one has ([`Outcome::Lost`]), the task decides what it means.
     pub async fn behave_all(
         &self,
         orders: Vec<Option<Behaviour>>,
@@ -329,9 +330,9 @@ impl Robot {
     ) -> Result<Vec<Option<Outcome>>, Hindrance> {
         match self.port.request(Action::Behave { orders, until }).await {
             Event::Behaved(outcomes) => {
-                // A lost object is no matter of the motion: the task decides what it means.
-                let alarms = |met: &&Outcome| met.alarms() && !matches!(met, Outcome::Lost(_));
-                let alarm = outcomes.iter().flatten().find(alarms);
+                // An arm that still holds an object meets forces when the other one has lost it.
+                let lost = outcomes.iter().flatten().any(|met| matches!(met, Outcome::Lost(_)));
+                let alarm = outcomes.iter().flatten().find(|met| !lost && met.alarms());
                 alarm.map_or_else(|| Ok(outcomes.clone()), |met| Err(Hindrance(met.to_string())))
             }
             event => Err(unexpected(&event)),
@@ -455,6 +456,20 @@ mod tests {
         let rest = next(&mut kernel, 100, Event::Received(Some(message)));
         assert!(matches!(rest, Action::Receive(left) if (left - 0.8).abs() < 1e-9), "{rest:?}");
         assert_eq!(next(&mut kernel, 500, Event::Received(None)), end(true, "go"));
+    }
+
+    /// The arm that still holds an object meets a force in the step in which the other one loses it.
+    #[test]
+    fn lost_object_comes_before_force_at_partner() {
+        let mut kernel = Robot::kernel(|robot| async move {
+            let outcomes = robot.behave_all(vec![None; 2], Until::All).await?;
+            Ok(format!("{outcomes:?}"))
+        });
+        let both = vec![Some(Outcome::OverForce(2, 30.0)), Some(Outcome::Lost(0.04))];
+        let told = format!("{both:?}");
+
+        assert!(matches!(next(&mut kernel, 0, Event::Start), Action::Behave { .. }));
+        assert_eq!(next(&mut kernel, 0, Event::Behaved(both)), end(true, &told));
     }
 
     #[test]

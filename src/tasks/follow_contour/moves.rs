@@ -9,6 +9,7 @@
 //! | finger on a part, or no part between the jaws | `SHIFTS` along the jaws, in turn | the same |
 //! | zero of the force sensor | set in free space, above the place | a contact would falsify it |
 //! | motion that a force stops | again, `TRIES` times | a push passes |
+//! | force on a part high above its place | the same | the same |
 
 use super::orders::{Hand, Spot};
 use crate::generators::contact::{Guarded, GuardedOrder};
@@ -96,7 +97,7 @@ pub(super) async fn grip(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), 
             line(robot, over(spot, shift), hand.pace).await?;
         }
         // Whether a finger or the palm is on the part shows when the jaws close.
-        if touch(robot, spot).await? && grasp(robot, hand).await? {
+        if touch(robot, spot).await? != Met::Nothing && grasp(robot, hand).await? {
             return Ok(());
         }
         robot.tell(format!("no part between the jaws, {:.0} mm beside its place", shift * 1e3));
@@ -106,15 +107,25 @@ pub(super) async fn grip(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), 
     Err(Hindrance("there is no part at its place".to_owned()))
 }
 
-/// Lowers a hand that is above a spot until it, or the part in it, touches something. Returns
-/// whether it does.
-async fn touch(robot: &Robot, spot: &Spot) -> Result<bool, Hindrance> {
+/// What a hand meets on its way down to a spot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Met {
+    /// Something high above the height of the spot: a part under a finger, or a push.
+    High,
+    /// Something near the height of the spot.
+    Near,
+    Nothing,
+}
+
+/// Lowers a hand that is above a spot until it, or the part in it, touches something. Returns what
+/// it meets.
+async fn touch(robot: &Robot, spot: &Spot) -> Result<Met, Hindrance> {
     settle(robot).await?;
-    let met = touch_down(robot, (LOWER, TOUCH), spot.down - NEAR).await?;
-    if met != Outcome::NotTouched {
-        return Ok(true);
+    if touch_down(robot, (LOWER, TOUCH), spot.down - NEAR).await? != Outcome::NotTouched {
+        return Ok(Met::High);
     }
-    Ok(touch_down(robot, (SLOW, TOUCH), 2.0 * NEAR).await? != Outcome::NotTouched)
+    let near = touch_down(robot, (SLOW, TOUCH), 2.0 * NEAR).await?;
+    Ok(if near == Outcome::NotTouched { Met::Nothing } else { Met::Near })
 }
 
 /// Closes the jaws, again if a strain between both hands stops them. Returns whether they hold
@@ -137,14 +148,25 @@ async fn grasp(robot: &Robot, hand: &Hand) -> Result<bool, Hindrance> {
 /// Lays the part in the hand down at a spot, and withdraws.
 pub(super) async fn lay(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), Hindrance> {
     go(robot, spot, hand.pace).await?;
-    holds(robot, hand).await?;
-    if !touch(robot, spot).await? {
-        return Err(Hindrance("there is nothing on which the part could lie".to_owned()));
+    for _ in 0..TRIES {
+        holds(robot, hand).await?;
+        match touch(robot, spot).await? {
+            Met::Nothing => {
+                return Err(Hindrance("there is nothing on which the part could lie".to_owned()));
+            }
+            Met::High => {
+                robot.tell("something is in the way of the part, high above its place".to_owned());
+                rise_to(robot, spot, hand.pace).await?;
+            }
+            Met::Near => {
+                // Fingers that have lost the part touch the place as well.
+                holds(robot, hand).await?;
+                open(robot, hand).await?;
+                return rise_to(robot, spot, hand.pace).await;
+            }
+        }
     }
-    // Fingers that have lost the part touch the place as well.
-    holds(robot, hand).await?;
-    open(robot, hand).await?;
-    rise_to(robot, spot, hand.pace).await
+    Err(Hindrance("something is in the way of the part, high above its place".to_owned()))
 }
 
 /// Moves the tool down at a speed (m/s) until it meets a force (N), at most for a distance (m).
