@@ -22,7 +22,7 @@
 //! | stop | [`emergency_stop`] | handles that press, read or release the emergency stop |
 //! | kernels | [`kernel`] | what a kernel asks of its shell: event -> next action |
 //! | pure | [`generators`], [`vision`], [`solver`] | step(inputs) -> output |
-//! | | [`reach`], [`servo`] | |
+//! | | [`reach`], [`servo`], [`net`] | |
 //! | vocabulary | [`cell`], [`kinematics`], [`arms`], [`motion`] | types of the field |
 //! | | [`cube`], [`spatial`], [`operator`], [`error`] | |
 //!
@@ -46,6 +46,7 @@ pub mod error;
 pub mod generators;
 pub mod hw;
 pub mod kernel;
+pub mod net;
 pub mod operator;
 pub mod reach;
 pub mod record;

@@ -32,7 +32,7 @@ const LAYERS: &[&[&str]] = &[
     &["hw"],
     &["emergency_stop"],
     &["kernel"],
-    &["generators", "vision", "solver", "reach", "servo"],
+    &["generators", "vision", "solver", "reach", "servo", "net"],
     &["cell", "kinematics", "arms", "motion", "cube", "spatial", "operator", "error"],
 ];
 

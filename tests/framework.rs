@@ -183,6 +183,7 @@ fn ecp_parts(edp: &EdpHandle, services: &Services) -> ecp::Parts {
         sensors: Vec::new(),
         programmes: programmes(),
         manner: manner(),
+        lag: 0,
         surroundings: None,
         services: services.clone(),
     }

@@ -19,13 +19,16 @@ use super::fault::ActorFault;
 use super::services::Services;
 use super::trace::Trace;
 use super::watchdog::{Heartbeat, Supervision, answer_of};
+use super::way::{self, Carries, Toward, Way};
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::hw::driver::{HEARTBEAT_TIMEOUT, ServoLink};
 use crate::kernel::Adjustment;
+use crate::kinematics::ArmModel;
 use crate::motion::{
     ArmFault, ArmState, JointPositions, MoveCommand, MoveRefused, PERIOD, ROLL, Synchronisation,
 };
 use crate::servo::ServoCommand;
+use crate::servo::ahead::ahead;
 use crate::spatial::is_rigid;
 use std::sync::Arc;
 use std::time::Duration;
@@ -53,6 +56,9 @@ const REST_TRIES: u32 = 25;
 const ZERO_MOVED: [f64; 2] = [8.0, 1.0];
 /// Periods between two checks of an arm that is being synchronised.
 const PROGRESS: u64 = 25;
+/// Periods after which an EDP publishes the state of an arm during a command, if its ECP is on
+/// another node.
+const PUBLISH: u64 = 8;
 /// Time between two checks whether the servo has finished a command.
 const POLL: Duration = Duration::from_millis(1);
 /// Time without an answer after which the servo counts as gone (s).
@@ -67,7 +73,7 @@ const MAILBOX: usize = 4;
 /// A request of an ECP to its EDP, with the channel of its answer.
 #[derive(Debug)]
 enum Request {
-    Execute { command: MoveCommand, reply: oneshot::Sender<Result<ArmState, Error>> },
+    Execute { command: MoveCommand, from: u64, reply: oneshot::Sender<Result<ArmState, Error>> },
     Adjust { adjustment: Adjustment, reply: oneshot::Sender<Result<ArmState, Error>> },
     Bias { reply: oneshot::Sender<Result<ArmState, Error>> },
     State { reply: oneshot::Sender<Result<ArmState, Error>> },
@@ -82,6 +88,10 @@ pub struct EdpHandle {
     state: watch::Receiver<ArmState>,
     /// Longest time of an answer beyond the time that the request itself takes.
     patience: Duration,
+    /// Clock of servo periods.
+    clock: Clock,
+    /// Way to the EDP; `None` for one on the node of its ECP.
+    way: Option<Way>,
 }
 
 impl EdpHandle {
@@ -91,9 +101,24 @@ impl EdpHandle {
     /// # Errors
     /// Non-fatal when the command is refused, fatal when the arm has stopped.
     pub async fn execute(&self, command: MoveCommand) -> Result<ArmState, Error> {
+        self.execute_from(command, 0).await
+    }
+
+    /// Executes a move that begins in the period `from` or later. Arms on several nodes begin a
+    /// common motion in one period by this.
+    ///
+    /// # Errors
+    /// As [`EdpHandle::execute`].
+    pub(crate) async fn execute_from(
+        &self,
+        command: MoveCommand,
+        from: u64,
+    ) -> Result<ArmState, Error> {
+        let later = from.saturating_sub(self.clock.period());
         // Twice its duration: the command before it may still be under way.
-        let lasts = Duration::from_secs_f64(2.0 * f64::from(command.periods) * PERIOD);
-        self.ask("execute", Some(lasts), |reply| Request::Execute { command, reply }).await
+        let periods = 2 * u64::from(command.periods) + later;
+        let lasts = Duration::from_secs_f64(periods as f64 * PERIOD);
+        self.ask("execute", Some(lasts), |reply| Request::Execute { command, from, reply }).await
     }
 
     /// Adjusts the arm, which must be at rest and does not move.
@@ -141,6 +166,20 @@ impl EdpHandle {
         self.state.clone()
     }
 
+    /// Returns the handle for an ECP on another node.
+    #[must_use]
+    pub(crate) fn across(self, way: &Way) -> Self {
+        let state = way.watch(Toward::Home, Carries::Newest, self.state);
+        let patience = self.patience + way.longest_trip();
+        Self { state, patience, way: Some(way.clone()), ..self }
+    }
+
+    /// Returns the longest time of an answer beyond the time that the request itself takes.
+    #[must_use]
+    pub(crate) fn patience(&self) -> Duration {
+        self.patience
+    }
+
     /// Sends a request to the EDP and waits for its answer: at most for `lasts`, the time that the
     /// request takes, plus `patience`, or without a limit if `lasts` is `None`. `place` names the
     /// request in an error.
@@ -156,7 +195,8 @@ impl EdpHandle {
             cause: System::Closed(self.name.clone()),
         };
         let (reply, answer) = oneshot::channel();
-        self.mailbox.send(request(reply)).await.map_err(|_| closed())?;
+        let sent = way::send(self.way.as_ref(), &self.mailbox, (request(reply), answer)).await;
+        let answer = sent.ok_or_else(closed)?;
         let limit = lasts.map(|lasts| lasts + self.patience);
         answer_of(&self.name, place, limit, answer).await
     }
@@ -174,6 +214,10 @@ struct Edp {
     free: u64,
     fault: Arc<ActorFault>,
     heartbeat: Heartbeat,
+    /// How answers leave earlier, for an ECP on another node.
+    lead: Option<Lead>,
+    /// Last move that was sent to the servo.
+    commanded: Option<MoveCommand>,
     /// Commands that reached the servo twice and have been logged.
     doubles: u64,
     /// Whether the force sensor has been zeroed before. The zero before the first time is unknown,
@@ -184,7 +228,27 @@ struct Edp {
 /// Starts the EDP of the arm `name` as a task, which commands the servo behind `link`. Returns the
 /// sending end of its mailbox.
 #[must_use]
-pub fn spawn(name: &str, mut link: ServoLink, services: &Services) -> EdpHandle {
+pub fn spawn(name: &str, link: ServoLink, services: &Services) -> EdpHandle {
+    spawn_early(name, link, None, services)
+}
+
+/// Earlier answers for an ECP on another node.
+#[derive(Debug, Clone)]
+pub(crate) struct Lead {
+    /// Number of periods by which an answer leaves earlier.
+    pub(crate) periods: u64,
+    /// Model of the arm, by which the answer has the set values at the end of the command.
+    pub(crate) model: ArmModel,
+}
+
+/// Starts an EDP, as [`spawn`] does, that answers earlier than needed on one node.
+#[must_use]
+pub(crate) fn spawn_early(
+    name: &str,
+    mut link: ServoLink,
+    lead: Option<Lead>,
+    services: &Services,
+) -> EdpHandle {
     let (mailbox, requests) = mpsc::channel(MAILBOX);
     let (state, watching) = watch::channel(*link.state());
     let name = format!("edp {name}");
@@ -197,6 +261,8 @@ pub fn spawn(name: &str, mut link: ServoLink, services: &Services) -> EdpHandle 
         state,
         trace: services.trace.clone(),
         free: 0,
+        lead,
+        commanded: None,
         fault: Arc::clone(fault),
         heartbeat: watchdog.heartbeat(&name),
         doubles: 0,
@@ -204,7 +270,14 @@ pub fn spawn(name: &str, mut link: ServoLink, services: &Services) -> EdpHandle 
     };
     let span = tracing::info_span!("edp", name = edp.name);
     watchdog.spawn(&name, edp.run().instrument(span));
-    EdpHandle { name, mailbox, state: watching, patience: *patience }
+    EdpHandle {
+        name,
+        mailbox,
+        state: watching,
+        patience: *patience,
+        clock: services.clock.clone(),
+        way: None,
+    }
 }
 
 impl Edp {
@@ -223,7 +296,9 @@ impl Edp {
                 continue;
             }
             let (answer, reply) = match request {
-                Request::Execute { command, reply } => (self.execute(command).await, reply),
+                Request::Execute { command, from, reply } => {
+                    (self.execute(command, from).await, reply)
+                }
                 Request::Adjust { adjustment, reply } => (self.adjust(adjustment).await, reply),
                 Request::Bias { reply } => (self.bias().await, reply),
                 Request::Synchronise { reply } => (self.synchronise().await, reply),
@@ -232,10 +307,9 @@ impl Edp {
                     // like that of an arm in order. A fault that it published comes first.
                     let last = self.check("state");
                     let is_gone = self.link.is_closed();
-                    (
-                        last.and_then(|s| if is_gone { Err(self.silent("state")) } else { Ok(s) }),
-                        reply,
-                    )
+                    let silent = || Err(self.silent("state"));
+                    let state = last.and_then(|last| if is_gone { silent() } else { Ok(last) });
+                    (state.map(|state| self.in_time(state)), reply)
                 }
             };
             self.trace.message(&self.name, "ecp", &answer);
@@ -262,20 +336,32 @@ impl Edp {
     }
 
     /// Sends a move to the servo that begins where the move before it ends. Waits until two periods
-    /// before the end of the move and returns the state of the arm.
-    async fn execute(&mut self, command: MoveCommand) -> Result<ArmState, Error> {
+    /// before the end of the move and returns the state of the arm. The move begins in the period
+    /// `from` or later.
+    async fn execute(&mut self, command: MoveCommand, from: u64) -> Result<ArmState, Error> {
         if command.periods == 0 {
             let cause = NonFatal::Arguments("a move command must last at least one period".into());
             return Err(Error::NonFatal { actor: self.name.clone(), place: "execute", cause });
         }
+        // The servo takes a command only near the end of the one before, and an early answer lets
+        // the command come before.
+        let lead = self.lead.as_ref().map_or(0, |lead| lead.periods);
+        if lead > 0 {
+            let taken = self.free.saturating_sub(self.link.early());
+            self.heartbeat.away(self.clock.until(taken)).await;
+        }
+        if from > 0 {
+            self.heartbeat.away(self.clock.until(from.saturating_sub(1))).await;
+        }
         // The move before still has two periods to go when its answer is out.
-        let start = self.free.max(self.link.state().period + 1);
+        let start = self.free.max(self.link.state().period + 1).max(from);
         tracing::trace!(start, periods = command.periods, motion = ?command.motion, "execute");
         let ticket = self.send("execute", ServoCommand::Move { command, start })?;
         self.free = start + u64::from(command.periods);
+        self.commanded = Some(command);
         // A command shorter than the lead is answered when it begins, not before.
-        self.done("execute", ticket, self.free.saturating_sub(self.link.early()).max(start))
-            .await?;
+        let early = self.link.early() + lead;
+        self.done("execute", ticket, self.free.saturating_sub(early).max(start)).await?;
         let doubles = self.link.doubles();
         if doubles > self.doubles {
             self.doubles = doubles;
@@ -285,7 +371,18 @@ impl Edp {
                 "a command reached the servo twice: it was executed once"
             );
         }
-        self.check("execute")
+        let state = self.check("execute")?;
+        Ok(self.in_time(state))
+    }
+
+    /// Returns the state of the arm near the end of the last command, for an ECP on another node:
+    /// there it arrives about then.
+    fn in_time(&self, state: ArmState) -> ArmState {
+        let left = self.free.saturating_sub(state.period + 1);
+        match (&self.lead, &self.commanded) {
+            (Some(lead), Some(command)) => ahead(&state, command, left, &lead.model),
+            _ => state,
+        }
     }
 
     /// Waits until a command without a motion has been in effect for `periods` periods, and returns
@@ -417,15 +514,21 @@ impl Edp {
         }
     }
 
-    /// Waits until `period` has begun and the servo has at most [`EARLY`] periods left of the
-    /// command with the number `ticket`. Polls the servo, because under the wall clock the servo's
-    /// periods and the runtime's time differ a little. Fails if the servo has not come that far
-    /// [`SILENCE`] later; `place` names the request in the error.
+    /// Waits until `period` has begun and the servo has at most [`EARLY`] periods, and the lead,
+    /// left of the command with the number `ticket`. Polls the servo, because under the wall clock
+    /// the servo's periods and the runtime's time differ a little. Fails if the servo has not come
+    /// that far [`SILENCE`] later; `place` names the request in the error.
     async fn done(&mut self, place: &'static str, ticket: u64, period: u64) -> Result<(), Error> {
+        // A long command of an ECP on another node is published in between, for the lookout.
+        while self.lead.is_some() && self.clock.period() + PUBLISH < period {
+            self.heartbeat.away(self.clock.until(self.clock.period() + PUBLISH)).await;
+            self.state.send_replace(*self.link.state());
+        }
         self.heartbeat.away(self.clock.until(period)).await;
         let patience = (SILENCE / POLL.as_secs_f64()) as u64;
         for _ in 0..patience {
-            if self.link.is_done(ticket, EARLY) {
+            if self.link.is_done(ticket, EARLY + self.lead.as_ref().map_or(0, |lead| lead.periods))
+            {
                 return Ok(());
             }
             if self.link.is_closed() {

@@ -12,6 +12,7 @@ use crate::emergency_stop::StopButton;
 use crate::error::{Error, Fatal};
 use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::reach::guard::Guard;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -39,24 +40,85 @@ pub(super) fn is_known(arm: &ArmState) -> bool {
     arm.synchronisation == Synchronisation::Yes && arm.period > 0
 }
 
+/// Number of states of each arm that are kept, for a comparison with a late one: those of 2.5 s.
+const KEPT: usize = 128;
+
+/// State of an arm that the lookout watches.
+#[derive(Debug)]
+pub(crate) struct Watched {
+    /// Latest state that the arm's EDP has published.
+    pub(crate) state: watch::Receiver<ArmState>,
+    /// Greatest age (periods) of the state of an arm that moves, if the state comes over a link;
+    /// `None` for an EDP on the node of the lookout.
+    pub(crate) late: Option<u64>,
+}
+
+/// Latest states of an arm, the newest last.
+#[derive(Debug, Default)]
+struct Past(VecDeque<ArmState>);
+
+impl Past {
+    /// Keeps a state, if it is a new one.
+    fn take(&mut self, state: ArmState) {
+        if self.0.back().is_none_or(|last| last.period < state.period) {
+            self.0.push_back(state);
+        }
+        if self.0.len() > KEPT {
+            self.0.pop_front();
+        }
+    }
+
+    /// Returns the newest state that is not later than `period`, or else the oldest one.
+    fn at(&self, period: u64) -> Option<&ArmState> {
+        self.0.iter().rev().find(|state| state.period <= period).or(self.0.front())
+    }
+}
+
+/// Replaces the latest states of the `arms` by those of one time, if the state of one that moves is
+/// late: the period of this late state. `late` is [`Watched::late`] of each arm, `now` the present
+/// period. Arms that move together are near each other only as each is at the same time.
+fn together(arms: &mut [ArmState], past: &mut [Past], late: &[Option<u64>], now: u64) {
+    for (arm, past) in arms.iter().zip(&mut *past) {
+        past.take(*arm);
+    }
+    // An arm whose state is older than a link makes it is at rest: its EDP was not asked.
+    let moves = |(arm, late): &(&ArmState, &Option<u64>)| {
+        is_known(arm) && late.is_some_and(|late| now.saturating_sub(arm.period) <= late)
+    };
+    let oldest = arms.iter().zip(late).filter(moves).map(|(arm, _)| arm.period).min();
+    let Some(oldest) = oldest else { return };
+    for (arm, past) in arms.iter_mut().zip(past) {
+        *arm = past.at(oldest).copied().unwrap_or(*arm);
+    }
+}
+
 /// Stops all arms when one comes too near an obstacle or too fast near the operator's hand,
 /// whichever command moves it there.
 pub(crate) async fn run_lookout(
     mut guard: Guard,
-    states: Vec<watch::Receiver<ArmState>>,
+    watched: Vec<Watched>,
     stop: StopButton,
     apart: Apart,
     services: Services,
 ) {
-    let present = || states.iter().map(|state| *state.borrow()).collect::<Vec<ArmState>>();
+    let late: Vec<_> = watched.iter().map(|arm| arm.late).collect();
+    let present = || watched.iter().map(|arm| *arm.state.borrow()).collect::<Vec<ArmState>>();
     let known = |arms: &[ArmState], i: usize| arms.get(i).is_some_and(is_known);
     let distances = |guard: &Guard, arms: &[ArmState]| {
         guard.distances([0, 1].map(|i| known(arms, i).then(|| &arms[i].desired_joints)))
     };
+    let mut past: Vec<Past> = watched.iter().map(|_| Past::default()).collect();
     let mut last = present();
     let mut least = distances(&guard, &last);
     loop {
-        let arms = present();
+        let mut arms = present();
+        together(&mut arms, &mut past, &late, services.clock.period());
+        // Time does not go back when the arm of a late state begins to move.
+        for (arm, last) in arms.iter_mut().zip(&last) {
+            if arm.period < last.period {
+                *arm = *last;
+            }
+        }
         // The speed comes from the set values and the servo's own periods: this task may be late.
         let slow = |i: usize| {
             let (from, to) = (&last[i], &arms[i]);
@@ -148,7 +210,10 @@ mod tests {
         // The limit of the speed near the operator is 0.25 m/s.
         let guard = Guard::of(&example_cell(), 0.25);
         let channels = states[0].map(watch::channel);
-        let listening = channels.iter().map(|(_, states)| states.clone()).collect();
+        let listening = channels
+            .iter()
+            .map(|(_, states)| Watched { state: states.clone(), late: None })
+            .collect();
         let stop = EmergencyStop::default();
         let switches = Arc::new(Switches::new(stop.signal()));
         let (trace, mut notices) = Trace::bare(RunHash::default());
@@ -178,6 +243,27 @@ mod tests {
         let near = ends.strip_prefix("fatal, guard, watch: ").unwrap();
         assert!(warning.contains(near), "{ends} {warning}");
         Some((number, near.to_owned(), warning))
+    }
+
+    /// A late state of a moving arm is compared with that of the other arm in the same period. An
+    /// arm at rest publishes no states, over a link or not, and is no reason to look back.
+    #[test]
+    fn states_are_compared_as_of_one_time() {
+        let state = |period: u64| standing(JointPositions([period as f64; 7]), period);
+        let seen = |periods: [u64; 2], late: Option<u64>| {
+            let mut past = [Past::default(), Past::default()];
+            for period in (100..=200).step_by(8) {
+                past[0].take(state(period));
+            }
+            let mut arms = periods.map(state);
+            together(&mut arms, &mut past, &[None, late], 200);
+            arms.map(|arm| arm.period)
+        };
+
+        assert_eq!(seen([196, 160], Some(60)), [156, 160], "the second one moves and is late");
+        assert_eq!(seen([196, 100], Some(60)), [196, 100], "the second one rests");
+        assert_eq!(seen([196, 100], None), [196, 100], "the second one rests on this node");
+        assert_eq!(seen([100, 160], Some(60))[1], 160, "the first one rests");
     }
 
     /// An arm that begins too near an obstacle may leave, and must not return.

@@ -36,7 +36,7 @@ pub fn manner(config: &ControllerConfig, effector: usize) -> Manner {
             linear_inertia: c.linear_inertia,
             angular_admittance: c.angular_admittance,
             angular_inertia: c.angular_inertia,
-            macrostep: c.macrostep_periods,
+            macrostep: config.macrostep(effector),
             jaw_close_speed: c.jaw_close_speed,
             jaw_reach_speed: c.jaw_reach_speed,
             jaw_open_speed: c.jaw_open_speed,

@@ -35,5 +35,6 @@ pub mod trace;
 pub mod ui;
 pub mod vsp;
 pub(crate) mod watchdog;
+pub mod way;
 pub(crate) mod ways;
 pub mod work;

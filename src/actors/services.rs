@@ -6,6 +6,7 @@ use super::control::{Control, Tempo};
 use super::fault::ActorFault;
 use super::trace::Trace;
 use super::watchdog::Supervision;
+use super::way::{Carries, Toward, Way};
 use super::work::Work;
 use crate::record::playback::Playback;
 use crate::scenario::keys::Pace;
@@ -54,5 +55,13 @@ impl Services {
         let mut services = self.clone();
         services.supervision.fault = fault.cloned().unwrap_or_default();
         services
+    }
+
+    /// Returns the services for an actor on another node: the operator's control comes by the way
+    /// to this node.
+    pub(crate) fn across(self, way: Option<&Way>) -> Self {
+        let Some(way) = way else { return self };
+        let control = way.watch(Toward::Node, Carries::Each, self.control);
+        Self { control, ..self }
     }
 }

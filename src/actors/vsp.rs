@@ -22,6 +22,7 @@ use super::notice::Notice;
 use super::services::Services;
 use super::trace;
 use super::watchdog::{Heartbeat, Supervision, answer_of};
+use super::way::{self, Carries, Toward, Way};
 use super::work;
 use crate::cell::Intrinsics;
 use crate::error::{Error, NonFatal, System};
@@ -73,9 +74,23 @@ pub struct VspHandle {
     tracking: std::sync::Arc<watch::Sender<bool>>,
     sensing: std::sync::Arc<watch::Sender<Sensing>>,
     target: watch::Receiver<Option<Target>>,
+    /// Way to the VSP; `None` for one on the node of its owner.
+    way: Option<Way>,
 }
 
 impl VspHandle {
+    /// Returns the handle for an owner on another node.
+    #[must_use]
+    pub(crate) fn across(self, way: &Way) -> Self {
+        Self {
+            tracking: way.set(&self.tracking),
+            sensing: way.set(&self.sensing),
+            target: way.watch(Toward::Home, Carries::Newest, self.target),
+            way: Some(way.clone()),
+            ..self
+        }
+    }
+
     /// Begins or ends the tracking of the cube.
     pub fn track(&self, on: bool) {
         self.tracking.send_replace(on);
@@ -104,8 +119,10 @@ impl VspHandle {
             cause: System::Closed(self.name.clone()),
         };
         let (reply, answer) = oneshot::channel();
-        self.mailbox.send(Look { view, reply }).await.map_err(|_| closed())?;
-        answer_of(&self.name, "look", Some(PATIENCE), answer).await
+        let sent = way::send(self.way.as_ref(), &self.mailbox, (Look { view, reply }, answer));
+        let answer = sent.await.ok_or_else(closed)?;
+        let limit = PATIENCE + self.way.as_ref().map_or(Duration::ZERO, Way::longest_trip);
+        answer_of(&self.name, "look", Some(limit), answer).await
     }
 }
 
@@ -210,6 +227,7 @@ pub(crate) fn spawn(name: &str, parts: Parts) -> VspHandle {
         tracking: std::sync::Arc::new(tracking),
         sensing: std::sync::Arc::new(sensing),
         target: targets,
+        way: None,
     }
 }
 

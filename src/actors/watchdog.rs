@@ -207,6 +207,11 @@ fn silent(who: String, time: Duration) -> Error {
     Error::System { actor: "supervisor".into(), place: "watch", cause }
 }
 
+/// Makes the error for a node without a sign of life for `time`.
+pub(crate) fn silent_node(node: String, time: Duration) -> Error {
+    silent(node, time)
+}
+
 impl Watchdog {
     /// Runs an actor as a task and reports its panic.
     pub(crate) fn spawn(&self, name: &str, actor: impl Future<Output = ()> + Send + 'static) {

@@ -458,7 +458,8 @@ mod tests {
         assert_eq!(next(&mut kernel, 500, Event::Received(None)), end(true, "go"));
     }
 
-    /// The arm that still holds an object meets a force in the step in which the other one loses it.
+    /// The arm that still holds an object meets a force in the step in which the other one loses
+    /// it.
     #[test]
     fn lost_object_comes_before_force_at_partner() {
         let mut kernel = Robot::kernel(|robot| async move {

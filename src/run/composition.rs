@@ -7,6 +7,7 @@
 use super::disturbance::InjectedFaults;
 use super::failure::not_created;
 use super::gate::Gate;
+use super::nodes::Nodes;
 use super::operator::OperatorChannels;
 use super::options::{PlantProbe, RunOptions};
 use super::outcome::{Done, unaccounted};
@@ -319,9 +320,11 @@ impl Composition<'_> {
         (by_hand, resumes): (bool, bool),
     ) -> Result<Staff, Error> {
         let config = &self.scenario.controller;
-        let drivers = start_drivers(config, servos, services, &self.faults, by_hand);
+        let nodes = Nodes::start(config, self.scenario.seed, &self.faults, services);
+        let beside = (&self.faults, &nodes);
+        let drivers = start_drivers(config, servos, services, beside, by_hand);
         home(&drivers, &config.cell, services, resumes).await?;
-        start_actors(config, drivers, sources, services, &self.faults).await
+        start_actors(config, drivers, sources, services, beside).await
     }
 
     /// Brings the arms to rest, stops the servos, and returns the plant's verdict and scene; `None`

@@ -60,6 +60,8 @@ pub(super) enum Disturbance {
     Spin(Actor),
     /// The heartbeat of the actors stops.
     HeartBeat,
+    /// The node with this index dies.
+    NodeDies(usize),
     /// The storage of a file fails.
     Storage(FaultFile, StorageFault),
     /// The operator presses the emergency stop.
@@ -124,6 +126,8 @@ pub(super) struct InjectedFaults {
     pub(super) sensors: Vec<Arc<DeviceFaults>>,
     /// Whether the heartbeat of the actors has stopped.
     pub(super) heart: Arc<AtomicBool>,
+    /// Whether each node is dead.
+    pub(super) nodes: Vec<Arc<AtomicBool>>,
     /// Storage of the recording.
     pub(super) recording: Storage,
     /// Storage of the journal.
@@ -139,6 +143,7 @@ impl InjectedFaults {
     pub(super) fn new(config: &ControllerConfig) -> Self {
         let cameras = config.cell.cameras.len();
         Self {
+            nodes: config.network.nodes.iter().map(|_| Arc::default()).collect(),
             vsps: (0..cameras).map(|_| Arc::default()).collect(),
             cameras: (0..cameras).map(|_| Arc::default()).collect(),
             sensors: config.vsps.iter().map(|_| Arc::default()).collect(),
@@ -205,6 +210,12 @@ impl InjectedFaults {
             }
             // Parts of the run as a whole.
             Disturbance::HeartBeat => self.heart.store(begins, Ordering::Release),
+            // A node that returns during a run is refused, so its way stays cut.
+            Disturbance::NodeDies(node) => {
+                if let Some(dead) = self.nodes.get(node).filter(|_| begins) {
+                    dead.store(true, Ordering::Release);
+                }
+            }
             Disturbance::Storage(file, fault) => {
                 let storage = match file {
                     FaultFile::Recording => &self.recording,

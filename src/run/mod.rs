@@ -21,6 +21,7 @@ mod failure;
 mod gate;
 mod interrupt;
 pub(crate) mod meeting_cache;
+mod nodes;
 mod operator;
 mod options;
 mod outcome;

@@ -419,6 +419,11 @@ fn fault_event(
         let Input { effector, bit } = config.input(keys.input.as_deref()?)?;
         return Some(What::Input { arm: effector, bit });
     }
+    if keys.kind? == FaultKind::NodeDies {
+        let node = index(config.network.nodes.iter().map(|node| &node.name), keys.node.as_ref());
+        others.push(Disturbance::NodeDies(node));
+        return Some(What::Elsewhere(others.len() - 1));
+    }
     if let Some(fault) = device_fault(keys) {
         let vsp = index(config.vsps.iter().map(|vsp| &vsp.name), keys.sensor.as_ref());
         others.push(Disturbance::Sensor(vsp, fault));
@@ -482,6 +487,7 @@ fn event_in_cell(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -
         | K::OverConstrained
         | K::JawCalibration
         | K::BaseCalibration
+        | K::NodeDies
         | K::SensorSilent
         | K::SensorFrozen
         | K::LateMeasurements

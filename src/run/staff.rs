@@ -6,6 +6,7 @@
 use super::disturbance::InjectedFaults;
 use super::failure::not_created;
 use super::interrupt::SWITCHES_OFF;
+use super::nodes::Nodes;
 use super::servos::Servos;
 use super::settings;
 use super::world::Sources;
@@ -100,7 +101,10 @@ fn patience_outside(pace: Pace) -> Duration {
 
 /// EDPs of the effectors, and the guard that watches their states.
 pub(super) struct Drivers {
+    /// EDPs as the node of MP sees them.
     edps: Vec<EdpHandle>,
+    /// EDPs as actors of their own nodes see them.
+    beside: Vec<EdpHandle>,
     /// Indices of the arms that must be synchronised before the task.
     unsynchronised: Vec<usize>,
     /// Guard against collisions.
@@ -138,26 +142,28 @@ pub(super) fn start_drivers(
     config: &ControllerConfig,
     servos: &mut Servos,
     services: &Services,
-    faults: &InjectedFaults,
+    (faults, nodes): (&InjectedFaults, &Nodes),
     by_hand: bool,
 ) -> Drivers {
     // Each arm has one link, which its EDP owns from now on.
     let links = std::mem::take(&mut servos.links);
-    let edps: Vec<_> = config
-        .cell
-        .arms
-        .iter()
-        .zip(links)
-        .enumerate()
-        .map(|(i, (arm, link))| edp::spawn(&arm.name, link, &services.under(faults.edps.get(i))))
+    let arms = config.cell.arms.iter().zip(links).enumerate();
+    let beside: Vec<_> = arms
+        .map(|(i, (arm, link))| {
+            let periods = u64::from(config.network.lead(i));
+            let lead = (periods > 0).then(|| edp::Lead { periods, model: arm.model.clone() });
+            let services = services.under(faults.edps.get(i)).across(nodes.of_edp(i));
+            edp::spawn_early(&arm.name, link, lead, &services)
+        })
         .collect();
+    let edps: Vec<_> = beside.iter().enumerate().map(|(i, edp)| nodes.home(i, edp)).collect();
     let guard = Guard::of(&config.cell, config.control.hand_speed);
     let guard = if by_hand { guard.by_hand() } else { guard };
     let apart = Apart::default();
     // The lookout checks both arms' states every 20 ms and stops them before they touch.
     let watching = lookout::run_lookout(
         guard.clone(),
-        edps.iter().map(EdpHandle::watch).collect(),
+        nodes.watched(&edps),
         servos.stop_button.clone(),
         apart.clone(),
         services.clone(),
@@ -165,7 +171,7 @@ pub(super) fn start_drivers(
     services.supervision.watchdog.spawn("guard", watching);
     // When arms are moved by hand, the operator decides when each arm is synchronised.
     let unsynchronised = (0..edps.len()).filter(|&i| !servos.synchronised[i] && !by_hand).collect();
-    Drivers { edps, unsynchronised, guard, apart }
+    Drivers { edps, beside, unsynchronised, guard, apart }
 }
 
 /// Synchronises each arm whose position is unknown.
@@ -237,34 +243,37 @@ pub(super) async fn start_actors(
     drivers: Drivers,
     sources: Sources,
     services: &Services,
-    faults: &InjectedFaults,
+    (faults, nodes): (&InjectedFaults, &Nodes),
 ) -> Result<Staff, Error> {
-    let Drivers { edps, unsynchronised, guard, apart } = drivers;
-    let sensors = start_sensors(config, &edps, sources, services, faults)?;
+    let Drivers { edps, beside, unsynchronised, guard, apart } = drivers;
+    let sensors = start_sensors(config, &edps, sources, services, (faults, nodes))?;
     let manners: Vec<_> =
         (0..config.cell.arms.len()).map(|effector| manner(config, effector)).collect();
     let ecps: Vec<_> = config
         .cell
         .arms
         .iter()
-        .zip(&edps)
         .enumerate()
-        .map(|(index, (arm, edp))| {
+        .map(|(index, arm)| {
+            let way = nodes.of_ecp(index);
             let parts = ecp::Parts {
-                edp: edp.clone(),
+                // An ECP on another node is beside its EDP.
+                edp: if way.is_some() { &beside } else { &edps }[index].clone(),
                 tracker: sensors.tracker_of(Owner::Ecp(index)),
                 hand_camera: sensors.hand_camera_of(Owner::Ecp(index), index),
+                lag: config.network.lag(),
                 sensors: sensors.own_of(Owner::Ecp(index)),
                 manner: manners[index].clone(),
                 programmes: config.programmes.clone(),
                 surroundings: Some(Surroundings {
                     effector: index,
                     guard: guard.clone(),
-                    states: edps.iter().map(EdpHandle::watch).collect(),
+                    states: nodes.states_seen_by(index, &edps, &beside),
                 }),
-                services: services.under(faults.ecps.get(index)),
+                services: services.under(faults.ecps.get(index)).across(way),
             };
-            ecp::spawn(&arm.name, parts)
+            let ecp = ecp::spawn(&arm.name, parts);
+            way.map_or_else(|| ecp.clone(), |way| ecp.clone().across(way))
         })
         .collect();
     // Homing leaves each axis near its switch. The task begins at the scenario's start.
@@ -299,7 +308,7 @@ fn start_sensors(
     edps: &[EdpHandle],
     mut sources: Sources,
     services: &Services,
-    faults: &InjectedFaults,
+    (faults, nodes): (&InjectedFaults, &Nodes),
 ) -> Result<Sensors, Error> {
     let mut sensors = Sensors::default();
     for (index, wanted) in config.vsps.iter().enumerate() {
@@ -333,7 +342,14 @@ fn start_sensors(
                     Mount::Flange { arm, .. } => Some(arm),
                     Mount::World { .. } => None,
                 };
-                sensors.add(kind, owner, carrier, vsp::spawn(&wanted.name, parts));
+                let vsp = vsp::spawn(&wanted.name, parts);
+                // An ECP on another node has its VSPs beside it.
+                let is_beside = matches!(owner, Owner::Ecp(i) if nodes.of_ecp(i).is_some());
+                let vsp = match nodes.of_vsp(index) {
+                    Some(way) if !is_beside => vsp.across(way),
+                    _ => vsp,
+                };
+                sensors.add(kind, owner, carrier, vsp);
             }
             (_, None) => return Err(not_created(&wanted.name, "it has no camera")),
         }

@@ -15,6 +15,7 @@ use super::injected::FaultKeys;
 use super::keys::{self, BridgeKind, HandKeys, Servo};
 use super::lists::{CameraKeys, Effector, GripperKeys, MountKind, SensorKeys, Vsp, VspKind};
 use super::motion;
+use super::nodes;
 use super::objects::ObjectLists;
 use super::plant::PlantKeys;
 use super::profile;
@@ -48,6 +49,7 @@ pub(super) fn scenario(
     let sources = sources(&draft.cameras, folder, reader);
     let vsps = vsps(&draft, catalogue, reader);
     check::owners(&draft, &vsps, reader);
+    let network = nodes::network(&draft, &vsps, reader);
     let cube_state = cube_state(&root.cube.state, reader);
     let task = check::task(&root.task, catalogue, reader);
     check::force_sign(&root.control, reader);
@@ -61,7 +63,6 @@ pub(super) fn scenario(
     let (keeper, hand) = place(&root.hand, root.cell.table_height, root.cube.edge, reader);
     check::hand_force(&root.control, keeper, reader);
 
-    let calibrate_views = draft.cameras.iter().map(|c| c.calibrate_views).collect();
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
     // A hole in one of the lists below has its fault in `reader`, so `?` loses no message.
     let (root, sections, task) = (draft.root, draft.sections, task?);
@@ -86,8 +87,9 @@ pub(super) fn scenario(
             },
             effectors: effectors.into_iter().collect::<Option<_>>()?,
             cameras: sources,
-            calibrate_views,
+            calibrate_views: draft.cameras.iter().map(|c| c.calibrate_views).collect(),
             vsps: vsps.into_iter().collect::<Option<_>>()?,
+            network,
             control: root.control,
             visual_servo: root.visual_servo,
             vision: root.vision,
@@ -136,6 +138,7 @@ fn checked(scenario: &Scenario, mut sections: TaskSections, reader: &mut Reader)
     let task = scenario.task.declaration();
     check::coordination(task, scenario.controller.coordination, reader);
     check::effectors_of(task, scenario.controller.cell.arms.len(), reader);
+    nodes::by_hand(task, &scenario.controller.network, reader);
     if let Some(keys) = sections.get_mut(task.section()) {
         task.check(keys.as_mut(), &scenario.controller, reader);
     }

@@ -19,9 +19,9 @@ use super::fault::nearest;
 use super::injected;
 use super::keys::{self, Control, Coordination, HandKeys, Pace};
 use super::lists::{GripperKeys, VspKind};
-use super::objects;
 use super::root::Root;
 use super::section::Reader;
+use super::{nodes, objects};
 use crate::cell::Arm;
 use crate::cube::Keeper;
 use crate::servo::period::Length;
@@ -50,6 +50,7 @@ pub(super) fn effectors(draft: &Draft, reader: &mut Reader) {
     names("effector", draft.effectors.iter().map(|e| e.name.as_str()), reader);
     names("camera", draft.cameras.iter().map(|c| c.name.as_str()), reader);
     names("vsp", draft.vsps.iter().map(|v| v.name.as_str()), reader);
+    names("node", draft.nodes.iter().map(|(_, n)| n.name.as_str()), reader);
     if draft.effectors.is_empty() {
         reader.fault("effector", "a scenario needs at least one [[effector]]");
     } else if draft.effectors.len() > 2 {
@@ -201,6 +202,7 @@ pub(super) fn faults(draft: &Draft, arms: &[Option<Arm>], reader: &mut Reader) {
     let parts = injected::Parts { effectors, cameras, vsps };
     for (index, (path, keys)) in draft.faults.iter().enumerate() {
         injected::check(keys, path, parts, reader);
+        nodes::check_fault(keys, path, &draft.nodes, reader);
         // An arm without a track has no axis 0.
         let named = |arm: &&Arm| Some(&arm.name) == keys.arm.as_ref();
         if keys.axis == Some(0)

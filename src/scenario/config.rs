@@ -4,6 +4,7 @@ use super::declared::{ChosenSensor, TaskLabel, TaskSections};
 use super::injected::FaultKeys;
 use super::keys::{Control, Coordination, Separation, VisionKeys, VisualServo};
 use super::lists::VspKind;
+use super::node_keys::Network;
 use super::objects::{LeadKeys, ObjectKeys, ProbeKeys};
 use super::plant::PlantKeys;
 use crate::cell::Cell;
@@ -33,6 +34,8 @@ pub struct ControllerConfig {
     pub calibrate_views: Vec<u32>,
     /// Virtual sensors.
     pub vsps: Vec<VspConfig>,
+    /// Nodes beside that of MP, and the link to them.
+    pub network: Network,
     /// Gains, speeds, limits.
     pub control: Control,
     /// Generator that follows the cube.
@@ -54,6 +57,13 @@ impl ControllerConfig {
     #[must_use]
     pub fn uses_shortest_paths(&self) -> bool {
         self.control.separation == Separation::Least && self.task.properties.walks
+    }
+
+    /// Returns the length of a macrostep of an effector (periods): that of the scenario, or more if
+    /// its EDP is on another node.
+    #[must_use]
+    pub fn macrostep(&self, effector: usize) -> u32 {
+        self.control.macrostep_periods.max(self.network.least_macrostep(effector))
     }
 
     /// Returns the binary input with this name; `None` if no effector has one.

@@ -6,6 +6,7 @@ use super::declared::TaskSections;
 use super::fault::{Source, nearest};
 use super::injected::FaultKeys;
 use super::lists::{CameraKeys, Effector, LISTS, Vsp};
+use super::node_keys::NodeKeys;
 use super::objects::{LeadKeys, ObjectKeys, ObjectLists, ProbeKeys};
 use super::root::Root;
 use super::section::{Key, Reader, Section};
@@ -31,6 +32,8 @@ pub(super) struct Draft {
     pub(super) faults: Vec<(String, FaultKeys)>,
     /// Objects of the simulated cell.
     pub(super) objects: ObjectLists,
+    /// Nodes beside that of MP, each with its dotted name.
+    pub(super) nodes: Vec<(String, NodeKeys)>,
 }
 
 impl Draft {
@@ -51,6 +54,7 @@ impl Draft {
         // The list of faults is empty by default, so one element represents its keys.
         FaultKeys { name: "NAME".to_owned(), ..FaultKeys::default() }.keys("fault.NAME", &mut keys);
         object_keys(&mut keys);
+        node_keys(&mut keys);
         keys
     }
 }
@@ -64,6 +68,11 @@ fn object_keys(into: &mut Vec<Key>) {
     LeadKeys { name: name(), ..LeadKeys::default() }.keys("lead.NAME", into);
 }
 
+/// Appends the keys of a node, which is called `NAME`: by default there is none.
+fn node_keys(into: &mut Vec<Key>) {
+    NodeKeys { name: "NAME".to_owned(), ..NodeKeys::default() }.keys("node.NAME", into);
+}
+
 /// Returns the dotted names of all keys, those of the tasks in `catalogue` too; an element of a
 /// list is called `NAME`.
 pub(super) fn names(catalogue: &Catalogue) -> Vec<String> {
@@ -74,6 +83,7 @@ pub(super) fn names(catalogue: &Catalogue) -> Vec<String> {
     Vsp::default().keys("vsp.NAME", &mut keys);
     FaultKeys::default().keys("fault.NAME", &mut keys);
     object_keys(&mut keys);
+    node_keys(&mut keys);
     keys.into_iter().map(|key| key.path).collect()
 }
 
@@ -118,6 +128,7 @@ pub(super) fn draft(
         probes: named("probe", lists[5].as_ref(), reader, |p: &ProbeKeys| &p.name),
         leads: named("lead", lists[6].as_ref(), reader, |l: &LeadKeys| &l.name),
     };
+    draft.nodes = named("node", lists[7].as_ref(), reader, |n: &NodeKeys| &n.name);
     drop_unusable(&mut draft, &lists);
     // A fault of the built-in cell is a fault of the program. It must be visible, not lost with
     // `silent`.

@@ -82,6 +82,8 @@ words! {
         ActorSpin = "actor_spin",
         /// The heartbeat of the actors stops.
         HeartBeatLoss = "heart_beat_loss",
+        /// A node dies, and its link with it.
+        NodeDies = "node_dies",
         /// The device of `file` is full.
         DiskFull = "disk_full",
         /// The device of `file` fails: writes end with an error and leave nothing.
@@ -182,6 +184,8 @@ section! {
         sensor: Option<String> = None;
         /// Actor that has the fault, of `arm` or `camera`.
         actor: Option<FaultActor> = None;
+        /// Node that dies.
+        node: Option<String> = None;
         /// File whose storage has the fault.
         file: FaultFile = FaultFile::Recording;
         /// Binary input that is set, by a name in `inputs` of an effector.
@@ -258,6 +262,7 @@ fn needs(kind: FaultKind) -> Needs {
         | K::ActorHang
         | K::ActorSpin
         | K::HeartBeatLoss
+        | K::NodeDies
         | K::DiskFull
         | K::DiskError
         | K::TornWrite

@@ -5,6 +5,7 @@ use super::keys::{
     Bridge, CellKeys, Control, Coordination, CubeKeys, HandKeys, Pace, Profile, RealTime, Servo,
     VisionKeys, VisualServo,
 };
+use super::node_keys::LinkKeys;
 use super::plant::PlantKeys;
 use super::section::section;
 
@@ -38,6 +39,8 @@ section! {
         servo: Servo,
         /// Thread of the servo.
         real_time: RealTime,
+        /// Link between the nodes, if the scenario has several.
+        link: LinkKeys,
         /// Truth, which only the simulated plant may read.
         plant: PlantKeys,
     }

@@ -14,6 +14,7 @@
 //! This code allocates no memory, takes no lock, writes no log and reads no clock, because the
 //! real-time thread calls it every 2 ms.
 
+pub mod ahead;
 mod arm;
 pub mod homing;
 pub mod io;

@@ -386,6 +386,16 @@ fn arms_hold_when_actor_fails_or_heartbeat_stops() {
             check_both_hold(&seen, begin, within);
             seen.check_held_by([true, true]);
         }
+        // The link delays orders, so the turn is later than on one node.
+        let node = "node=[{name=\"b\",actors=[\"edp postument\",\"vsp mpc\",\"vsp gs1\",\
+                    \"vsp gs2\"]}]";
+        let over_link = seed.turned_30_by(&[node]);
+        let seen = seed.seen("node_dies", &[]);
+        // No beat for 0.12 s, and the last one was up to 0.02 s before the death.
+        let found = (seen.summary.sim_time_s / 0.002).round() as u64;
+        assert!((over_link + 40..=over_link + 62).contains(&found), "{found} {over_link}");
+        check_both_hold(&seen, over_link, 250);
+        seen.check_held_by([true, true]);
         let seen = seed.seen("hang_mp", &["coordination=continuous"]);
         check_detection_time(&seen, seed.turned_30_by(&["coordination=continuous"]));
         for name in ["hang_vsp", "panic_vsp"] {
@@ -647,6 +657,7 @@ const REPORTS: &[(&str, i32, &[&str])] = &[
     ("clock_jump", 3, &["fatal", "the servo missed 2500 periods in a row"]),
     ("emergency_stop", 3, &["fatal", "edp track", "emergency stop"]),
     ("heart_beat_loss", 4, &["system", "no answer from the actors' heartbeat in 0.1 s"]),
+    ("node_dies", 4, &["system", "no answer from node b in 0.1 s"]),
     ("panic_ecp", 4, &["system", "ecp track panicked: a panic was injected"]),
     ("panic_edp", 4, &["system", "edp postument panicked: a panic was injected"]),
     ("panic_mp", 4, &["system", "mp panicked: a panic was injected"]),

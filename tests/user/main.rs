@@ -12,6 +12,7 @@ mod folder;
 mod hardware;
 mod last_second;
 mod missions;
+mod nodes;
 mod page;
 #[path = "../program/mod.rs"]
 mod program;

@@ -17,6 +17,7 @@ mod surroundings;
 pub use outbox::{Outbox, Report};
 pub use surroundings::Surroundings;
 
+use super::clock::Clock;
 use super::control::permission_soon;
 use super::edp::EdpHandle;
 use super::fault::ActorFault;
@@ -25,6 +26,7 @@ use super::sensor::SensorHandle;
 use super::services::Services;
 use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision};
+use super::way::{self, Carries, Toward, Way};
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
 use crate::kernel::programme::Programmes;
@@ -37,7 +39,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use tokio::sync::mpsc::error::TryRecvError;
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::{mpsc, oneshot, watch};
 use tracing::Instrument as _;
 
 /// Capacity of the mailbox. MP waits for the answer of a request before it sends the next one, and
@@ -51,7 +53,7 @@ type Reply<T> = oneshot::Sender<Result<T, Error>>;
 #[derive(Debug)]
 enum Request {
     Transmit { command: MoveCommand, reply: Reply<ArmState> },
-    Behave { behaviour: Behaviour, reply: Reply<(Outcome, ArmState)> },
+    Behave { behaviour: Behaviour, begins: u64, reply: Reply<(Outcome, ArmState)> },
     End(Ending),
     Bias { reply: Reply<ArmState> },
     Synchronise { reply: Reply<ArmState> },
@@ -73,7 +75,14 @@ pub struct EcpHandle {
     alive: Arc<AtomicU64>,
     /// Longest time between two signs of life of an ECP in order.
     patience: Duration,
+    /// Clock of the run, and the time between the order of a motion and its beginning (periods).
+    beginning: (Clock, u64),
+    /// Way to the ECP; `None` for one on the node of MP.
+    way: Option<Way>,
 }
+
+/// Time between two signs of life that an ECP sends to another node.
+const BEAT: Duration = Duration::from_millis(20);
 
 impl EcpHandle {
     /// Passes a command of MP on to the EDP (continuous coordination) and returns the state of the
@@ -91,7 +100,38 @@ impl EcpHandle {
     /// # Errors
     /// The errors of the EDP.
     pub async fn behave(&self, behaviour: Behaviour) -> Result<(Outcome, ArmState), Error> {
-        self.ask("behave", |reply| Request::Behave { behaviour, reply }).await
+        // All arms that are ordered now begin in one period, wherever their ECPs and EDPs are.
+        let begins = match &self.beginning {
+            (_, 0) => 0,
+            (clock, lag) => clock.period() + lag,
+        };
+        self.ask("behave", |reply| Request::Behave { behaviour, begins, reply }).await
+    }
+
+    /// Returns the handle for an MP on another node.
+    #[must_use]
+    pub(crate) fn across(self, way: &Way) -> Self {
+        let (signs, source) = watch::channel(0);
+        let mut arriving = way.watch(Toward::Home, Carries::Newest, source);
+        let there = Arc::downgrade(&self.alive);
+        tokio::spawn(async move {
+            while let Some(alive) = there.upgrade() {
+                signs.send_replace(alive.load(Ordering::Relaxed));
+                drop(alive);
+                tokio::time::sleep(BEAT).await;
+            }
+        });
+        let alive = Arc::new(AtomicU64::new(0));
+        let here = Arc::downgrade(&alive);
+        tokio::spawn(async move {
+            while arriving.changed().await.is_ok() {
+                // No handle is left.
+                let Some(here) = here.upgrade() else { return };
+                here.store(*arriving.borrow_and_update(), Ordering::Relaxed);
+            }
+        });
+        let patience = self.patience + way.longest_trip() + BEAT;
+        Self { alive, patience, way: Some(way.clone()), ..self }
     }
 
     /// Ends the behaviour that the ECP is carrying out: at the next macrostep, or some macrosteps
@@ -100,7 +140,7 @@ impl EcpHandle {
     /// # Errors
     /// System when the ECP is gone.
     pub async fn end(&self, ending: Ending) -> Result<(), Error> {
-        self.mailbox.send(Request::End(ending)).await.map_err(|_| self.closed("end"))
+        self.order("end", Request::End(ending)).await
     }
 
     /// Zeroes the arm's force sensor under its present load and returns the state of the arm.
@@ -141,7 +181,7 @@ impl EcpHandle {
     /// # Errors
     /// System when the ECP is gone.
     pub async fn watch(&self, on: bool) -> Result<(), Error> {
-        self.mailbox.send(Request::Watch { on }).await.map_err(|_| self.closed("watch"))
+        self.order("watch", Request::Watch { on }).await
     }
 
     /// Reads the face of the cube that the camera in the effector's hand sees. `view` says where
@@ -157,7 +197,10 @@ impl EcpHandle {
     ///
     /// # Errors
     /// Non-fatal when there is no such programme, or its order cannot be read.
-    pub async fn start(&self, programme: Programme, to_mp: Outbox) -> Result<(), Error> {
+    pub async fn start(&self, programme: Programme, mut to_mp: Outbox) -> Result<(), Error> {
+        if let Some(way) = &self.way {
+            to_mp.mailbox = way.queue_home(to_mp.mailbox);
+        }
         self.ask("start", |reply| Request::Start { programme, to_mp, reply }).await
     }
 
@@ -167,7 +210,7 @@ impl EcpHandle {
     /// # Errors
     /// System when the ECP is gone.
     pub async fn signal(&self, signal: Signal) -> Result<(), Error> {
-        self.mailbox.send(Request::Signal(signal)).await.map_err(|_| self.closed("signal"))
+        self.order("signal", Request::Signal(signal)).await
     }
 
     /// Makes the error for a request to an ECP that has ended; `place` names the request.
@@ -175,15 +218,30 @@ impl EcpHandle {
         Error::System { actor: self.name.clone(), place, cause: System::Closed(self.name.clone()) }
     }
 
+    /// Sends a request without an answer to the ECP; `place` names it in the error.
+    async fn order(&self, place: &'static str, request: Request) -> Result<(), Error> {
+        let mailbox = self.mailbox.clone();
+        match &self.way {
+            None => mailbox.send(request).await.map_err(|_| self.closed(place)),
+            Some(way) => {
+                way.order(async move {
+                    let _ = mailbox.send(request).await;
+                });
+                Ok(())
+            }
+        }
+    }
+
     /// Sends a request to the ECP and waits for its answer. Fails if the ECP has ended, or if it
     /// gives no sign of life for `patience`; `place` names the request in the error.
-    async fn ask<T>(
+    async fn ask<T: Send + 'static>(
         &self,
         place: &'static str,
         request: impl FnOnce(Reply<T>) -> Request,
     ) -> Result<T, Error> {
-        let (reply, mut answer) = oneshot::channel();
-        self.mailbox.send(request(reply)).await.map_err(|_| self.closed(place))?;
+        let (reply, answer) = oneshot::channel();
+        let sent = way::send(self.way.as_ref(), &self.mailbox, (request(reply), answer)).await;
+        let mut answer = sent.ok_or_else(|| self.closed(place))?;
         let mut last = self.alive.load(Ordering::Relaxed);
         let mut silent = 0;
         loop {
@@ -217,6 +275,9 @@ pub struct Parts {
     pub sensors: Vec<SensorHandle>,
     /// Parameters of its generators.
     pub manner: Manner,
+    /// Time between the order of a motion and its beginning (periods), if an EDP of the cell is on
+    /// another node; otherwise 0.
+    pub lag: u64,
     /// Programmes that it can carry out.
     pub programmes: Programmes,
     /// Cell and other arm, against which it checks the paths of its programmes; `None` without a
@@ -250,7 +311,12 @@ pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
     // Between two signs of life the EDP answers a command, at the latest after two macrosteps and
     // its patience. The second patience lets the EDP's own limit report first.
     let macrostep = f64::from(parts.manner.compliance.macrostep) * PERIOD;
-    let patience = Duration::from_secs_f64(2.0 * macrostep) + 2 * patience;
+    let lag = Duration::from_secs_f64(parts.lag as f64 * PERIOD);
+    let patience = lag
+        + Duration::from_secs_f64(2.0 * macrostep)
+        + patience
+        + parts.edp.patience().max(patience);
+    let beginning = (parts.services.clock.clone(), parts.lag);
     let ecp = Ecp {
         name: name.clone(),
         parts,
@@ -263,7 +329,7 @@ pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
     };
     let span = tracing::info_span!("ecp", name = ecp.name);
     watchdog.spawn(&name, ecp.run().instrument(span));
-    EcpHandle { name, mailbox, alive, patience }
+    EcpHandle { name, mailbox, alive, patience, beginning, way: None }
 }
 
 impl Ecp {
@@ -289,10 +355,10 @@ impl Ecp {
                 }
                 // Sporadic coordination: returns at the end of the behaviour. Meanwhile `behave`
                 // reads the mailbox for an end from above.
-                Request::Behave { behaviour, reply } => {
+                Request::Behave { behaviour, begins, reply } => {
                     self.parts.services.trace.message("mp", &self.name, &behaviour);
                     tracing::debug!(?behaviour, "a behaviour begins");
-                    let answer = self.behave(&behaviour).await;
+                    let answer = self.behave(&behaviour, begins).await;
                     tracing::debug!(?answer, "a behaviour ends");
                     self.parts.services.trace.message(&self.name, "mp", &answer);
                     let _ = reply.send(answer);
@@ -338,18 +404,24 @@ impl Ecp {
         }
     }
 
-    /// Carries out a behaviour from the present state of the arm, as [`Self::behave_from`] does.
-    async fn behave(&mut self, behaviour: &Behaviour) -> Result<(Outcome, ArmState), Error> {
+    /// Carries out a behaviour of MP, which begins in the period `begins` or later.
+    async fn behave(
+        &mut self,
+        behaviour: &Behaviour,
+        begins: u64,
+    ) -> Result<(Outcome, ArmState), Error> {
         let state = self.heartbeat.away(self.parts.edp.state()).await?;
-        self.behave_from(behaviour, state).await
+        self.behave_from(behaviour, state, begins).await
     }
 
     /// Runs the generator of a behaviour to its end: one command for the EDP in each macrostep.
-    /// `state` is the present state of the arm. Returns the outcome and the state at the end.
+    /// `state` is the present state of the arm; the first command begins in the period `begins` or
+    /// later. Returns the outcome and the state at the end.
     async fn behave_from(
         &mut self,
         behaviour: &Behaviour,
         mut state: ArmState,
+        mut begins: u64,
     ) -> Result<(Outcome, ArmState), Error> {
         let mut motion =
             MoveInstruction::begin(behaviour, &self.parts.manner, &state).map_err(|cause| {
@@ -400,7 +472,9 @@ impl Ecp {
                     if let (Some(sensing), Some(tracker)) = (sensing, &self.parts.tracker) {
                         tracker.configure(sensing);
                     }
-                    state = match self.heartbeat.away(self.parts.edp.execute(command)).await {
+                    let from = std::mem::take(&mut begins);
+                    let executed = self.parts.edp.execute_from(command, from);
+                    state = match self.heartbeat.away(executed).await {
                         // The generator reads the refusal in the state and continues.
                         Err(error) if motion.tolerates(&error) => {
                             self.heartbeat.away(self.parts.edp.state()).await?

@@ -151,7 +151,7 @@ impl Ecp {
                 Error::NonFatal { actor: self.name.clone(), place: "check a path", cause }
             })?;
         }
-        let (outcome, _) = self.behave_from(&order, arm).await?;
+        let (outcome, _) = self.behave_from(&order, arm, 0).await?;
         Ok(Event::Behaved(vec![Some(outcome)]))
     }
 

@@ -608,6 +608,8 @@ impl Mp {
     /// Asks each arm for its state and stores the states. An arm that had a programme and has a
     /// fault keeps its last state: the fault has ended that programme, and the others go on.
     async fn refresh(&mut self) -> Result<(), Error> {
+        // An answer from another node takes longer than a work item may.
+        self.heartbeat.waits();
         let mut arms = Vec::with_capacity(self.parts.ecps.len());
         for (effector, ecp) in self.parts.ecps.iter().enumerate() {
             let last = self.arms.get(effector).filter(|_| self.programmes.own.contains(&effector));
@@ -704,6 +706,7 @@ mod tests {
             sensors: Vec::new(),
             programmes: Programmes::default(),
             manner: manner(),
+            lag: 0,
             surroundings: None,
             services: services.clone(),
         };

@@ -9,7 +9,7 @@
 //! | finger on a part, or no part between the jaws | `SHIFTS` along the jaws, in turn | the same |
 //! | zero of the force sensor | set in free space, above the place | a contact would falsify it |
 //! | motion that a force stops | again, `TRIES` times | a push passes |
-//! | force on a part high above its place | the same | the same |
+//! | force on a part high above its place | lowered again, `TRIES` times | a push passes |
 
 use super::orders::{Hand, Spot};
 use crate::generators::contact::{Guarded, GuardedOrder};
@@ -107,7 +107,7 @@ pub(super) async fn grip(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), 
     Err(Hindrance("there is no part at its place".to_owned()))
 }
 
-/// What a hand meets on its way down to a spot.
+/// Thing that a hand meets on its way down to a spot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Met {
     /// Something high above the height of the spot: a part under a finger, or a push.

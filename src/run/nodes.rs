@@ -1,0 +1,123 @@
+//! Nodes of a run on the virtual clock: the ways to them, and the watch over their beats.
+//!
+//! - in: the nodes of the scenario, the model of the link, the flags of dead nodes
+//! - out: the way to each remote actor; a system error once a node is silent
+//!
+//! A node sends a beat every [`BEAT`]. Both arms hold by the error of MP's node.
+
+use super::disturbance::InjectedFaults;
+use crate::actors::edp::EdpHandle;
+use crate::actors::lookout::Watched;
+use crate::actors::services::Services;
+use crate::actors::watchdog::{silent_node, within};
+use crate::actors::way::{Carries, Toward, Way};
+use crate::motion::{ArmState, PERIOD};
+use crate::scenario::ControllerConfig;
+use crate::scenario::node_keys::NodeConfig;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::watch;
+
+/// Time between two beats of a node.
+const BEAT: Duration = Duration::from_millis(20);
+/// Least time without a beat, beyond the longest way of one, after which a node counts as dead. It
+/// is longer on a link that may lose all beats of this time.
+const SILENCE: Duration = Duration::from_millis(120);
+
+/// Longest time between two states that the EDP of a moving arm publishes, with one of them lost.
+const PUBLISHED: Duration = Duration::from_millis(100);
+
+/// Nodes beside that of MP, each with the way to it.
+pub(super) struct Nodes(Vec<(NodeConfig, Way)>);
+
+impl Nodes {
+    /// Makes the ways to the nodes of a scenario and begins to watch them.
+    pub(super) fn start(
+        config: &ControllerConfig,
+        seed: u64,
+        faults: &InjectedFaults,
+        services: &Services,
+    ) -> Self {
+        let nodes = config.network.nodes.iter().zip(&faults.nodes).enumerate();
+        let nodes = nodes.map(|(i, (node, dead))| {
+            let way = Way::new(config.network.link, seed, i, Arc::clone(dead));
+            watch_beats(&node.name, &way, services);
+            (node.clone(), way)
+        });
+        Self(nodes.collect())
+    }
+
+    /// Returns the way to the EDP of the effector with this index; `None` on MP's node.
+    pub(super) fn of_edp(&self, effector: usize) -> Option<&Way> {
+        self.0.iter().find(|(node, _)| node.edps.contains(&effector)).map(|(_, way)| way)
+    }
+
+    /// Returns the EDP of the effector with this index as the node of MP sees it.
+    pub(super) fn home(&self, effector: usize, edp: &EdpHandle) -> EdpHandle {
+        self.of_edp(effector).map_or_else(|| edp.clone(), |way| edp.clone().across(way))
+    }
+
+    /// Returns the states of the arms of these EDPs for the lookout on the node of MP.
+    pub(super) fn watched(&self, edps: &[EdpHandle]) -> Vec<Watched> {
+        let watched = edps.iter().enumerate().map(|(i, edp)| {
+            let late =
+                self.of_edp(i).map(|way| (way.longest_value() + PUBLISHED).as_secs_f64() / PERIOD);
+            Watched { state: edp.watch(), late: late.map(|periods| periods as u64) }
+        });
+        watched.collect()
+    }
+
+    /// Returns the states of all arms as the ECP of the effector with this index sees them. `edps`
+    /// are the EDPs as the node of MP sees them, `beside` as actors of their own nodes do.
+    pub(super) fn states_seen_by(
+        &self,
+        effector: usize,
+        edps: &[EdpHandle],
+        beside: &[EdpHandle],
+    ) -> Vec<watch::Receiver<ArmState>> {
+        let Some(way) = self.of_ecp(effector) else {
+            return edps.iter().map(EdpHandle::watch).collect();
+        };
+        let node = self.0.iter().find(|(node, _)| node.ecps.contains(&effector));
+        let is_here = |i: &usize| node.is_some_and(|(node, _)| node.edps.contains(i));
+        let states = edps.iter().zip(beside).enumerate().map(|(i, (far, near))| {
+            if is_here(&i) {
+                near.watch()
+            } else {
+                way.watch(Toward::Node, Carries::Newest, far.watch())
+            }
+        });
+        states.collect()
+    }
+
+    /// Returns the way to the ECP of the effector with this index; `None` on MP's node.
+    pub(super) fn of_ecp(&self, effector: usize) -> Option<&Way> {
+        self.0.iter().find(|(node, _)| node.ecps.contains(&effector)).map(|(_, way)| way)
+    }
+
+    /// Returns the way to the VSP with this index; `None` on MP's node.
+    pub(super) fn of_vsp(&self, vsp: usize) -> Option<&Way> {
+        self.0.iter().find(|(node, _)| node.vsps.contains(&vsp)).map(|(_, way)| way)
+    }
+}
+
+/// Lets a node send beats, and raises an error once they do not arrive.
+fn watch_beats(node: &str, way: &Way, services: &Services) {
+    let (beat, beats) = watch::channel(0_u64);
+    tokio::spawn(async move {
+        while !beat.is_closed() {
+            beat.send_modify(|count| *count += 1);
+            tokio::time::sleep(BEAT).await;
+        }
+    });
+    let mut arrive = way.watch(Toward::Home, Carries::Newest, beats);
+    let limit = way.longest_value() + SILENCE.max(BEAT * (way.values_for_one() + 1));
+    let (watchdog, node) = (services.supervision.watchdog.clone(), format!("node {node}"));
+    tokio::spawn(async move {
+        // A jump of the clock ends a part of the wait at once, and the beat after it needs its way.
+        while let Some(Ok(())) = within(limit, limit / 2, arrive.changed()).await {
+            arrive.borrow_and_update();
+        }
+        watchdog.raise(silent_node(node, limit));
+    });
+}
