@@ -8,6 +8,7 @@
 
 use crate::emergency_stop::{EmergencyStop, StopButton, StopSignal};
 use crate::operator::{Input, Snapshot, Stage};
+use crate::record::feed::Feed;
 use image::RgbImage;
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::mpsc::error::TryRecvError;
@@ -54,6 +55,7 @@ impl Default for Desk {
             stage: Arc::new(watch::channel(Arc::default()).0),
             snapshots: Arc::new(watch::channel(Arc::default()).0),
             pictures: Arc::new(watch::channel(Vec::new()).0),
+            feed: Feed::default(),
             button: stop.button(),
             signal: stop.signal(),
             inputs: Arc::new(Mutex::new(Some(inputs))),
@@ -104,6 +106,8 @@ pub struct UiEnd {
     pub snapshots: watch::Receiver<Arc<Snapshot>>,
     /// Latest pictures.
     pub pictures: watch::Receiver<Pictures>,
+    /// Messages of the run, as a recording has them.
+    pub feed: Feed,
     to_run: mpsc::Sender<Input>,
     button: StopButton,
 }
@@ -131,6 +135,8 @@ pub struct RunEnd {
     pub snapshots: Arc<watch::Sender<Arc<Snapshot>>>,
     /// Pictures; published before the snapshot that names them.
     pub pictures: Arc<watch::Sender<Pictures>>,
+    /// Messages of the run, as a recording has them.
+    pub feed: Feed,
     button: StopButton,
     signal: StopSignal,
     inputs: Arc<Mutex<Option<mpsc::Receiver<Input>>>>,
@@ -145,6 +151,7 @@ impl RunEnd {
             stage: self.stage.subscribe(),
             snapshots: self.snapshots.subscribe(),
             pictures: self.pictures.subscribe(),
+            feed: self.feed.clone(),
             to_run: self.to_run.clone(),
             button: self.button.clone(),
         }

@@ -2,6 +2,7 @@
 
 use crate::record::build;
 use crate::record::calibration;
+use crate::record::feed::Feed;
 use crate::record::last_second::LastSecond;
 use crate::record::place::Place;
 use crate::record::recorder::{Patience, Recorder, Written};
@@ -23,10 +24,11 @@ pub(super) struct Begun {
     pub(super) resumed: bool,
 }
 
-/// Starts a recording in a file. `place` has the temporary and the final path of the file, as
-/// [`Place::create`] returns them.
+/// Starts a recording in a file, whose messages the `feed` gets as well. `place` has the temporary
+/// and the final path of the file, as [`Place::create`] returns them.
 pub(super) fn begin(
     (file, place): (File, Place),
+    feed: Option<Feed>,
     scenario: &Scenario,
     overrides: &[Override],
     begun: Begun,
@@ -38,7 +40,17 @@ pub(super) fn begin(
     };
     let mut about = about(scenario, overrides, begun);
     about.facts.insert("build".into(), build());
-    Recorder::begin_at(file, Some(place), about, patience)
+    Recorder::begin_at(Some((file, Some(place))), feed, about, patience)
+}
+
+/// Starts a recorder without a file: only the `feed` gets the messages of the run.
+pub(super) fn begin_feed(
+    feed: Feed,
+    scenario: &Scenario,
+    overrides: &[Override],
+    begun: Begun,
+) -> std::io::Result<Recorder> {
+    Recorder::begin_feed(feed, about(scenario, overrides, begun))
 }
 
 /// Returns the keeper of the last second of a run, whose file will be in the user's folder of

@@ -12,6 +12,7 @@ use crate::actors::control::is_speed;
 use crate::desk::Desk;
 use crate::error::{Error, NonFatal};
 use crate::hw::driver::missing_core;
+use crate::record::feed::Feed;
 use crate::record::journal::Journal;
 use crate::record::place::Place;
 use crate::record::recorder::Recorder;
@@ -157,7 +158,9 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     // A replay needs all overrides: those of --set and those of the options.
     let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(more).collect();
     let begun = record::Begun { attended: has_ui, resumed: args.keep.resume };
-    let recorder = args.recorder(&scenario, &overrides, begun)?;
+    // Other programs read the feed from the server of the page.
+    let feed = ui.has_page().then(|| desk.run_end().feed);
+    let recorder = args.recorder(&scenario, &overrides, begun, feed)?;
     // A run of a campaign keeps no last second: if it fails, it can be repeated.
     let last_second =
         (!args.with_parent).then(|| record::last_second(&scenario, &overrides, begun));
@@ -238,18 +241,26 @@ impl RunArgs {
         }
     }
 
-    /// Starts the recording of a run with these overrides. Without `--record` returns a recorder
-    /// that records nothing.
+    /// Starts the recording of a run with these overrides, and its `feed`. Without `--record` and a
+    /// feed returns a recorder that records nothing.
     fn recorder(
         &self,
         scenario: &Scenario,
         overrides: &[Override],
         begun: record::Begun,
+        feed: Option<Feed>,
     ) -> anyhow::Result<Recorder> {
-        let Some(path) = &self.record else { return Ok(Recorder::default()) };
+        let Some(path) = &self.record else {
+            return match feed {
+                None => Ok(Recorder::default()),
+                Some(feed) => {
+                    record::begin_feed(feed, scenario, overrides, begun).context("feed of the page")
+                }
+            };
+        };
         let file = Place::create(path)
             .map_err(|error| refuse(format!("--record: {}: {error}", path.display())))?;
-        record::begin(file, scenario, overrides, begun).context("--record")
+        record::begin(file, feed, scenario, overrides, begun).context("--record")
     }
 
     /// Returns the options of the run for a UI.

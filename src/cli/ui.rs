@@ -102,6 +102,7 @@ impl UiArgs {
                     other => other?,
                 };
                 complain(&format!("the operator's page: {}", server.url));
+                complain(&format!("for Foxglove or Lichtblick: {}", server.feed_url));
                 for url in &server.proxy_urls {
                     complain(&format!("through a proxy for TLS: {url}"));
                 }
@@ -191,6 +192,11 @@ pub(super) enum Ui {
 }
 
 impl Ui {
+    /// Returns whether the UI is a page, which a server sends to browsers.
+    pub(super) fn has_page(&self) -> bool {
+        matches!(self, Self::Web(..))
+    }
+
     /// Returns whether the UI is in this terminal.
     pub(super) fn has_terminal(&self) -> bool {
         matches!(self, Self::Tui(_))

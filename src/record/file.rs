@@ -5,6 +5,7 @@
 //!   the messages after the last finished chunk
 //! - source: the MCAP specification, version 0
 
+use super::feed::Feed;
 use super::schema::Kind;
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
@@ -32,9 +33,12 @@ fn reason(error: &mcap::McapError) -> String {
     cause.map_or_else(|| error.to_string(), ToString::to_string)
 }
 
-/// MCAP file that is being written.
+/// MCAP file that is being written, or the feed of a run that is not recorded, or both.
 pub struct File<W: Write + Seek> {
-    writer: mcap::Writer<W>,
+    /// Writer of the file; `None` if only the feed gets the messages.
+    writer: Option<mcap::Writer<W>>,
+    /// Feed that gets the messages as well.
+    feed: Option<Feed>,
     /// Number of the schema of each type of messages.
     schemas: BTreeMap<Kind, u16>,
     /// Channels by topic.
@@ -54,6 +58,26 @@ impl<W: Write + Seek> File<W> {
     /// # Errors
     /// Error of the device.
     pub fn begin(to: W) -> Result<Self, Unwritten> {
+        Self::begin_with(Some(to), None)
+    }
+
+    /// Begins a file whose messages the `feed` gets as well. Without a device `to` only the feed
+    /// gets them.
+    ///
+    /// # Errors
+    /// Error of the device.
+    pub(super) fn begin_with(to: Option<W>, feed: Option<Feed>) -> Result<Self, Unwritten> {
+        let writer = to.map(Self::writer).transpose()?;
+        Ok(Self { writer, feed, schemas: BTreeMap::new(), channels: BTreeMap::new() })
+    }
+
+    /// Checks whether anybody reads the messages: a file, or a subscriber of the feed.
+    pub(super) fn is_read(&self) -> bool {
+        self.writer.is_some() || self.feed.as_ref().is_some_and(Feed::is_read)
+    }
+
+    /// Begins the MCAP file in `to`.
+    fn writer(to: W) -> Result<mcap::Writer<W>, Unwritten> {
         let writer = mcap::WriteOptions::new()
             .profile("ros2")
             .library(concat!("rubik-robot ", env!("CARGO_PKG_VERSION")))
@@ -64,7 +88,7 @@ impl<W: Write + Seek> File<W> {
             // the length last.
             .disable_seeking(true)
             .create(to)?;
-        Ok(Self { writer, schemas: BTreeMap::new(), channels: BTreeMap::new() })
+        Ok(writer)
     }
 
     /// Writes a message at `time` (ns). The first message of a topic also creates its channel.
@@ -78,6 +102,12 @@ impl<W: Write + Seek> File<W> {
         time: u64,
         data: &[u8],
     ) -> Result<(), Unwritten> {
+        if let Some(feed) = &self.feed {
+            feed.send(topic, kind, time, data);
+        }
+        if self.writer.is_none() {
+            return Ok(());
+        }
         if !self.channels.contains_key(topic) {
             let id = self.channel(topic, kind)?;
             self.channels.insert(topic.to_owned(), Channel { id, count: 0 });
@@ -91,18 +121,20 @@ impl<W: Write + Seek> File<W> {
             log_time: time,
             publish_time: time,
         };
-        Ok(self.writer.write_to_known_channel(&header, data)?)
+        let Some(writer) = &mut self.writer else { return Ok(()) };
+        Ok(writer.write_to_known_channel(&header, data)?)
     }
 
     /// Writes the channel of a topic whose messages have this type, and returns the channel's
     /// number.
     fn channel(&mut self, topic: &str, kind: Kind) -> Result<u16, Unwritten> {
+        let Some(writer) = &mut self.writer else { return Ok(0) };
         // Topics of one type share its schema.
         let schema = if let Some(id) = self.schemas.get(&kind) {
             *id
         } else {
             let text = kind.schema();
-            let id = self.writer.add_schema(kind.name(), "ros2msg", text.as_bytes())?;
+            let id = writer.add_schema(kind.name(), "ros2msg", text.as_bytes())?;
             self.schemas.insert(kind, id);
             id
         };
@@ -112,7 +144,7 @@ impl<W: Write + Seek> File<W> {
         if matches!(topic, "/robot_description" | "/tf_static") {
             metadata.insert("offered_qos_profiles".to_owned(), LATCHED.to_owned());
         }
-        Ok(self.writer.add_channel(schema, topic, "cdr", &metadata)?)
+        Ok(writer.add_channel(schema, topic, "cdr", &metadata)?)
     }
 
     /// Writes an MCAP metadata record called `name`; `entries` are its texts by key.
@@ -125,7 +157,7 @@ impl<W: Write + Seek> File<W> {
         entries: &BTreeMap<String, String>,
     ) -> Result<(), Unwritten> {
         let metadata = mcap::records::Metadata { name: name.to_owned(), metadata: entries.clone() };
-        Ok(self.writer.write_metadata(&metadata)?)
+        Ok(self.writer.as_mut().map_or(Ok(()), |writer| writer.write_metadata(&metadata))?)
     }
 
     /// Attaches a whole file: its name, its media type (MIME) and its bytes.
@@ -141,7 +173,7 @@ impl<W: Write + Seek> File<W> {
             media_type: media.to_owned(),
             data: data.into(),
         };
-        Ok(self.writer.attach(&attachment)?)
+        Ok(self.writer.as_mut().map_or(Ok(()), |writer| writer.attach(&attachment))?)
     }
 
     /// Ends the current chunk, so that all messages written so far can be read even after a crash.
@@ -149,15 +181,15 @@ impl<W: Write + Seek> File<W> {
     /// # Errors
     /// Error of the device.
     pub fn flush(&mut self) -> Result<(), Unwritten> {
-        Ok(self.writer.flush()?)
+        Ok(self.writer.as_mut().map_or(Ok(()), mcap::Writer::flush)?)
     }
 
     /// Writes the index and ends the file.
     ///
     /// # Errors
     /// Error of the device.
-    pub fn finish(mut self) -> Result<(), Unwritten> {
-        self.writer.finish()?;
+    pub fn finish(self) -> Result<(), Unwritten> {
+        self.writer.map_or(Ok(()), |mut writer| writer.finish().map(|_| ()))?;
         Ok(())
     }
 }

@@ -15,6 +15,7 @@ pub(crate) mod cdr;
 mod chunk;
 mod closing;
 pub(crate) mod entry;
+pub mod feed;
 pub(crate) mod file;
 mod framing;
 pub mod journal;

@@ -12,6 +12,7 @@
 
 pub use super::entry::Entry;
 
+use super::feed::Feed;
 use super::file::File;
 use super::place::Place;
 use super::sheet::{MessageWriter, RunInfo};
@@ -158,23 +159,34 @@ impl Recorder {
         about: RunInfo,
         patience: Patience,
     ) -> std::io::Result<Self> {
-        Self::begin_at(to, None, about, patience)
+        Self::begin_at(Some((to, None)), None, about, patience)
     }
 
-    /// Starts a recorder as [`Self::begin`] does. `place` has the final and the temporary path of
-    /// the file `to`, which is renamed to the final one as soon as it holds a servo period.
+    /// Starts a recorder without a file, whose messages only the `feed` gets.
+    ///
+    /// # Errors
+    /// Error of the operating system if it cannot start the thread.
+    pub(crate) fn begin_feed(feed: Feed, about: RunInfo) -> std::io::Result<Self> {
+        // A feed may miss messages, but a run must not wait for it.
+        Self::begin_at(None::<(std::io::Cursor<Vec<u8>>, _)>, Some(feed), about, Patience::Never)
+    }
+
+    /// Starts a recorder as [`Self::begin`] does, to a file if there is one, and to a `feed`. The
+    /// place of the file has its final and its temporary path: it is renamed to the final one as
+    /// soon as it holds a servo period.
     ///
     /// # Errors
     /// Error of the operating system if it cannot start the thread.
     pub(crate) fn begin_at<W: Write + Seek + Send + 'static>(
-        to: W,
-        place: Option<Place>,
+        to: Option<(W, Option<Place>)>,
+        feed: Option<Feed>,
         about: RunInfo,
         patience: Patience,
     ) -> std::io::Result<Self> {
         let (queue, entries) = sync_channel(QUEUE);
         let storage = Storage::default();
-        let to = Device { to, storage: storage.clone() };
+        let (to, place) = to.map_or((None, None), |(to, place)| (Some(to), place));
+        let to = to.map(|to| Device { to, storage: storage.clone() });
         let (ticks, records) = rtrb::RingBuffer::new(TICKS);
         let counts = Arc::new(Counts::default());
         let thread = std::thread::Builder::new().name("recorder".into()).spawn({
@@ -185,6 +197,7 @@ impl Recorder {
                     counts,
                     failure: None,
                     place,
+                    feed,
                     begins: true,
                 }
                 .work(to, records, &entries)
@@ -327,6 +340,8 @@ struct Clerk {
     failure: Option<String>,
     /// Paths of the file; `None` if the file is not to be renamed.
     place: Option<Place>,
+    /// Feed that gets the messages as well.
+    feed: Option<Feed>,
     /// Whether no servo record has been written yet.
     begins: bool,
 }
@@ -342,7 +357,7 @@ impl Clerk {
     /// Writes all servo records and entries until the run is over, and ends the file.
     fn work<W: Write + Seek>(
         mut self,
-        to: W,
+        to: Option<W>,
         mut records: rtrb::Consumer<ServoRecord>,
         entries: &Receiver<(u64, Entry)>,
     ) -> Written {
@@ -362,11 +377,13 @@ impl Clerk {
     }
 
     /// Begins the file. Returns `None` if that fails; all messages are then counted as lost.
-    fn begin<W: Write + Seek>(&mut self, to: W) -> Option<File<W>> {
-        let begun = File::begin(to).map_err(|why| why.to_string()).and_then(|mut file| {
-            self.writer.begin(&mut file).map_err(|why| why.to_string())?;
-            Ok(file)
-        });
+    fn begin<W: Write + Seek>(&mut self, to: Option<W>) -> Option<File<W>> {
+        let begun = File::begin_with(to, self.feed.take()).map_err(|why| why.to_string()).and_then(
+            |mut file| {
+                self.writer.begin(&mut file).map_err(|why| why.to_string())?;
+                Ok(file)
+            },
+        );
         begun.map_err(|why| self.fail(&why)).ok()
     }
 

@@ -344,7 +344,10 @@ impl MessageWriter {
                 })
             }
             Entry::Picture(camera, image) => {
-                let Some(topics) = self.cameras.get(*camera) else { return Ok(()) };
+                // The encoding takes long: it is left out if nobody gets the picture.
+                let Some(topics) = self.cameras.get(*camera).filter(|_| file.is_read()) else {
+                    return Ok(());
+                };
                 self.jpeg.clear();
                 // A picture that cannot be encoded is left out without an error: the device has not
                 // failed.

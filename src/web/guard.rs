@@ -10,12 +10,17 @@
 //! | foreign `Origin` | refused | a page of another server sends commands |
 //! | foreign `Sec-Fetch-Site` | refused, except to open the page | a page of another server asks |
 //! | picture or WebSocket without the token | refused | another user or machine sends commands |
+//! | feed without the token in its address | refused | another user or machine watches |
 //!
 //! The token is drawn at the start and printed in the fragment of the page's address, which a
 //! browser sends to no server. The page's files are public and need no token. The page keeps the
 //! token and sends it in the first message of its WebSocket and in the header [`TOKEN_HEADER`] of a
 //! request for a picture. It is no cookie: a browser sends the cookies of a host to all its ports,
 //! and thereby to the servers of other users.
+//!
+//! Other programs read the feed, which takes no commands. They cannot send a first message or a
+//! header, so that its address has the token. It may come from a page of any server: that page has
+//! the token by the person who typed it.
 //!
 //! A proxy for TLS and a tunnel have names and ports of their own. So a loopback name is admitted
 //! with any port, and the name of a proxy is given as a [`HostName`].
@@ -105,6 +110,8 @@ impl HostName {
     }
 }
 
+/// Path of the feed for other programs.
+pub const FEED: &str = "/foxglove";
 /// Number of random bytes in a token.
 const TOKEN: usize = 16;
 /// Header in which a browser says from which site a request comes.
@@ -137,6 +144,14 @@ impl Guard {
         format!("http://{host}/#token={}", self.token)
     }
 
+    /// Returns the address of the feed for other programs, including the token.
+    #[must_use]
+    pub fn feed_url(&self) -> String {
+        let page = self.url();
+        let host = page.trim_start_matches("http://").split('/').next().unwrap_or_default();
+        format!("ws://{host}{FEED}?token={}", self.token)
+    }
+
     /// Returns the URLs for browsers behind a proxy for TLS, one for each name.
     #[must_use]
     pub fn proxy_urls(&self) -> Vec<String> {
@@ -157,6 +172,10 @@ impl Guard {
         let named = uri.authority().map(axum::http::uri::Authority::as_str);
         if let Some(other) = named.filter(|named| !named.eq_ignore_ascii_case(host)) {
             return Some(Refused::Host(short(other)));
+        }
+        if uri.path() == FEED {
+            let given = uri.query().and_then(|query| query.strip_prefix("token="));
+            return (!given.is_some_and(|given| self.is_token(given))).then_some(Refused::Token);
         }
         // Browsers send an `Origin` with each WebSocket, the only way to send commands.
         match only(headers, &header::ORIGIN) {

@@ -7,11 +7,13 @@
 //!
 //! - in: a [`UiEnd`] of the desk
 //! - out: the page (only assets of this folder); `GET /camera/{index}`, a picture; `GET /ws`, a
-//!   WebSocket that carries stage, snapshots and messages to the page and commands from it
+//!   WebSocket that carries stage, snapshots and messages to the page and commands from it;
+//!   `GET /foxglove`, a WebSocket that carries the messages of a recording to other programs
 //! - access: see [`guard`]; one page commands (see `seats`), the others watch, and each may press
 //!   the emergency stop
 //! - connections: see `line`; they are limited in number, so that the operator always finds a place
 
+mod foxglove;
 pub mod guard;
 mod line;
 mod pictures;
@@ -58,6 +60,8 @@ pub struct Server {
     pub address: SocketAddr,
     /// URL for a browser, including the token.
     pub url: String,
+    /// Address of the feed for other programs, including the token.
+    pub feed_url: String,
     /// URLs for browsers that reach the server through a proxy for TLS, including the token.
     pub proxy_urls: Vec<String>,
     /// Sender whose drop stops the server.
@@ -90,7 +94,7 @@ impl Server {
         // Port 0 is replaced by the one that the system has chosen.
         let address = listener.local_addr()?;
         let guard = Arc::new(Guard::of(address, names)?);
-        let (url, proxy_urls) = (guard.url(), guard.proxy_urls());
+        let (url, feed_url, proxy_urls) = (guard.url(), guard.feed_url(), guard.proxy_urls());
         let shared = Shared { desk, guard, seats: Arc::default(), pictures: Arc::default() };
         let (stop, stopped) = oneshot::channel::<()>();
         let work = move || {
@@ -110,7 +114,7 @@ impl Server {
             runtime.shutdown_background();
         };
         let thread = std::thread::Builder::new().name("web".into()).spawn(work)?;
-        Ok(Self { address, url, proxy_urls, stop: Some(stop), thread: Some(thread) })
+        Ok(Self { address, url, feed_url, proxy_urls, stop: Some(stop), thread: Some(thread) })
     }
 }
 
@@ -126,8 +130,10 @@ impl Drop for Server {
 
 /// Returns the routes of the server: WebSocket, cameras, files of the page.
 fn routes(shared: Shared) -> Router {
-    let mut router =
-        Router::new().route("/ws", get(socket::upgrade)).route("/camera/{index}", get(camera));
+    let mut router = Router::new()
+        .route("/ws", get(socket::upgrade))
+        .route("/camera/{index}", get(camera))
+        .route(guard::FEED, get(foxglove::upgrade));
     for &(path, kind, text) in ASSETS {
         router =
             router.route(path, get(move || async move { ([(header::CONTENT_TYPE, kind)], text) }));

@@ -8,6 +8,7 @@ mod cli;
 mod cluster;
 mod contour;
 mod damage;
+mod feed;
 mod folder;
 mod hardware;
 mod last_second;
