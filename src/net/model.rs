@@ -64,8 +64,8 @@ impl Direction {
         self.last
     }
 
-    /// Returns the arrival of a value that is sent at `now` (s), or `None` if it is lost. It arrives
-    /// not before any value sent earlier, but does not wait for messages, nor they for it.
+    /// Returns the arrival of a value that is sent at `now` (s), or `None` if it is lost. It
+    /// arrives not before any value sent earlier, but does not wait for messages, nor they for it.
     pub fn value(&mut self, now: f64) -> Option<f64> {
         let lost = self.is_lost();
         let arrival = self.last_value.max(now + self.way());

@@ -1,8 +1,8 @@
-//! WebSocket for programs that show data of robots, such as Foxglove and Lichtblick: the messages of
-//! a recording while the run goes on. It takes no commands.
+//! WebSocket for programs that show data of robots, such as Foxglove and Lichtblick: the messages
+//! of a recording while the run goes on. It takes no commands.
 //!
-//! - out: `serverInfo`; `advertise` for each topic, before its first message; binary messages of the
-//!   topics to which the client has subscribed, the latest one of a topic at once
+//! - out: `serverInfo`; `advertise` for each topic, before its first message; binary messages of
+//!   the topics to which the client has subscribed, the latest one of a topic at once
 //! - in: `subscribe` and `unsubscribe`; all other operations are ignored
 //! - a client that is slow misses messages; no run waits for it
 //! - source: protocol `foxglove.websocket.v1`
