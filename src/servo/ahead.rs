@@ -1,8 +1,8 @@
 //! State of an arm as it will be near the end of a command, for an answer that leaves early.
 //!
 //! - in: the state now, the command under way, the number of periods that it has left
-//! - out: the state with the set values of [`NEAR_END`] periods before the end, as an answer in
-//!   time has them; measured values stay those of now
+//! - out: the state with the set values of two periods before the end, as an answer in time has
+//!   them; measured values stay those of now
 //! - a position moves along its line, a velocity goes on; a force is expected to move nothing
 
 use crate::kinematics::ArmModel;
@@ -15,8 +15,8 @@ const NEAR_END: u64 = 2;
 /// Angle below which two orientations are the same for the interpolation (rad).
 const SAME: f64 = 1e-9;
 
-/// Returns `state` with the set values that `command` will have reached [`NEAR_END`] periods before
-/// its end, if it has `left` periods to go.
+/// Returns `state` with the set values that `command` will have reached two periods before its end,
+/// if it has `left` periods to go.
 #[must_use]
 pub fn ahead(state: &ArmState, command: &MoveCommand, left: u64, model: &ArmModel) -> ArmState {
     let mut ahead = *state;
