@@ -14,6 +14,8 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::Instant;
 
+/// Time between two beats, the signs of life that cross a way.
+pub(crate) const BEAT: Duration = Duration::from_millis(20);
 /// Number of losses of one message for which limits of time leave room.
 const LOSSES: u32 = 3;
 

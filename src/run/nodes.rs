@@ -10,7 +10,7 @@ use crate::actors::edp::EdpHandle;
 use crate::actors::lookout::Watched;
 use crate::actors::services::Services;
 use crate::actors::watchdog::{silent_node, within};
-use crate::actors::way::{Carries, Toward, Way};
+use crate::actors::way::{BEAT, Carries, Toward, Way};
 use crate::motion::{ArmState, PERIOD};
 use crate::scenario::ControllerConfig;
 use crate::scenario::node_keys::NodeConfig;
@@ -18,8 +18,6 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// Time between two beats of a node.
-const BEAT: Duration = Duration::from_millis(20);
 /// Least time without a beat, beyond the longest way of one, after which a node counts as dead. It
 /// is longer on a link that may lose all beats of this time.
 const SILENCE: Duration = Duration::from_millis(120);
@@ -49,7 +47,7 @@ impl Nodes {
 
     /// Returns the way to the EDP of the effector with this index; `None` on MP's node.
     pub(super) fn of_edp(&self, effector: usize) -> Option<&Way> {
-        self.0.iter().find(|(node, _)| node.edps.contains(&effector)).map(|(_, way)| way)
+        self.way_to(|node| node.edps.contains(&effector))
     }
 
     /// Returns the EDP of the effector with this index as the node of MP sees it.
@@ -92,12 +90,17 @@ impl Nodes {
 
     /// Returns the way to the ECP of the effector with this index; `None` on MP's node.
     pub(super) fn of_ecp(&self, effector: usize) -> Option<&Way> {
-        self.0.iter().find(|(node, _)| node.ecps.contains(&effector)).map(|(_, way)| way)
+        self.way_to(|node| node.ecps.contains(&effector))
     }
 
     /// Returns the way to the VSP with this index; `None` on MP's node.
     pub(super) fn of_vsp(&self, vsp: usize) -> Option<&Way> {
-        self.0.iter().find(|(node, _)| node.vsps.contains(&vsp)).map(|(_, way)| way)
+        self.way_to(|node| node.vsps.contains(&vsp))
+    }
+
+    /// Returns the way to the node that has an actor; `None` for an actor on MP's node.
+    fn way_to(&self, has: impl Fn(&NodeConfig) -> bool) -> Option<&Way> {
+        self.0.iter().find(|(node, _)| has(node)).map(|(_, way)| way)
     }
 }
 

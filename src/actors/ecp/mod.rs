@@ -26,7 +26,7 @@ use super::sensor::SensorHandle;
 use super::services::Services;
 use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision};
-use super::way::{self, Carries, Toward, Way};
+use super::way::{self, BEAT, Carries, Toward, Way};
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
 use crate::kernel::programme::Programmes;
@@ -80,9 +80,6 @@ pub struct EcpHandle {
     /// Way to the ECP; `None` for one on the node of MP.
     way: Option<Way>,
 }
-
-/// Time between two signs of life that an ECP sends to another node.
-const BEAT: Duration = Duration::from_millis(20);
 
 impl EcpHandle {
     /// Passes a command of MP on to the EDP (continuous coordination) and returns the state of the
