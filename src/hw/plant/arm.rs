@@ -345,7 +345,7 @@ impl PlantArm {
         grip: Option<&Matrix6<f64>>,
         dt: f64,
     ) {
-        let theta = self.model.joints_unchecked(&MotorPositions(self.m)).0;
+        let theta = self.held_joints();
         let ratios = self.motors_per_joint(&theta);
         let (inertia, impulse) = self.motor_loads(drive, &ratios, dt);
         let springs = self.springs(&theta, dt);
@@ -533,9 +533,9 @@ impl PlantArm {
         }
     }
 
-    /// Returns the true joint positions (rad or m).
-    pub(super) fn joints(&self) -> [f64; AXES] {
-        self.q
+    /// Returns the joint positions at which the springs of the gears are unstretched (rad or m).
+    pub(super) fn held_joints(&self) -> [f64; AXES] {
+        self.model.joints_unchecked(&MotorPositions(self.m)).0
     }
 
     /// Returns the base frame in the world.
@@ -609,7 +609,7 @@ impl PlantArm {
     #[cfg(test)]
     pub(super) fn energy(&self) -> f64 {
         let (mass, _) = self.placement.dynamics(&self.dynamics.links, &self.v, &self.gravity);
-        let theta = self.model.joints_unchecked(&MotorPositions(self.m)).0;
+        let theta = self.held_joints();
         let mut sum = 0.0;
         for (i, row) in mass.iter().enumerate() {
             sum += 0.5 * self.v[i] * row.iter().zip(&self.v).map(|(m, v)| m * v).sum::<f64>();

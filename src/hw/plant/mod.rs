@@ -350,10 +350,8 @@ impl Plant {
     fn watch_stops(&mut self, drives: &[ArmDrive]) {
         let on = [0, 1].map(|i| drives.get(i).is_some_and(|drive: &ArmDrive| drive.enabled));
         let time = (self.time(), self.config.period.seconds());
-        let mut joints = [[0.0; AXES]; 2];
-        for (joints, arm) in joints.iter_mut().zip(&self.arms) {
-            *joints = arm.joints();
-        }
+        let arms = &self.arms;
+        let joints = || [0, 1].map(|i| arms.get(i).map_or([0.0; AXES], PlantArm::held_joints));
         let violations = &mut self.verdict.counts.violations;
         self.stop_watch.watch(time, on, joints, violations);
     }
