@@ -10,10 +10,11 @@
 use crate::motion::{ArmFault, ArmState, MoveRefused};
 use serde::{Deserialize, Serialize};
 use std::any::Any;
+use std::borrow::Cow;
 use std::fmt;
 
 /// An error as one actor reports it to another.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum Error {
     /// A failure after which the actor that asked may continue.
     #[error("non-fatal, {actor}, {place}: {cause}")]
@@ -21,7 +22,7 @@ pub enum Error {
         /// Name of the actor whose shell detected it.
         actor: String,
         /// Activity of that actor.
-        place: &'static str,
+        place: Cow<'static, str>,
         /// Cause.
         cause: NonFatal,
     },
@@ -31,7 +32,7 @@ pub enum Error {
         /// Name of the actor whose shell detected it.
         actor: String,
         /// Activity of that actor.
-        place: &'static str,
+        place: Cow<'static, str>,
         /// Cause.
         cause: Fatal,
         /// Last state of the effector that its servo published, if the error is about one.
@@ -43,7 +44,7 @@ pub enum Error {
         /// Name of the actor whose shell detected it.
         actor: String,
         /// Activity of that actor.
-        place: &'static str,
+        place: Cow<'static, str>,
         /// Cause.
         cause: System,
     },
@@ -134,6 +135,8 @@ pub enum FaultCode {
     Panic,
     /// An actor or a thread could not be created.
     NotCreated,
+    /// The link to another node has failed.
+    LinkFailed,
 }
 
 impl fmt::Display for FaultCode {
@@ -182,7 +185,7 @@ pub fn panic_text(why: &(dyn Any + Send)) -> String {
 }
 
 /// Causes that leave the system usable.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum NonFatal {
     /// A refusal of a command by the servo.
     #[error(transparent)]
@@ -249,7 +252,7 @@ fn along(direction: usize) -> &'static str {
 }
 
 /// Causes that stop an effector.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum Fatal {
     /// A fault that the arm's servo reports.
     #[error(transparent)]
@@ -278,7 +281,7 @@ impl Fatal {
 }
 
 /// Causes that break the system of actors.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum System {
     /// A mailbox whose actor is gone.
     #[error("the mailbox of {0} is closed")]
@@ -307,6 +310,14 @@ pub enum System {
         /// Reason.
         why: String,
     },
+    /// A link to another node that has failed.
+    #[error("the link to {who} has failed: {why}")]
+    Link {
+        /// Name of the node.
+        who: String,
+        /// Reason.
+        why: String,
+    },
 }
 
 impl System {
@@ -317,6 +328,7 @@ impl System {
             Self::Silent { .. } => FaultCode::NoAnswer,
             Self::Panicked { .. } => FaultCode::Panic,
             Self::NotCreated { .. } => FaultCode::NotCreated,
+            Self::Link { .. } => FaultCode::LinkFailed,
         }
     }
 }
@@ -326,7 +338,7 @@ mod tests {
     use super::*;
 
     /// All codes in their order.
-    const ALL: [FaultCode; 29] = [
+    const ALL: [FaultCode; 30] = [
         FaultCode::CommandRefused,
         FaultCode::Terminated,
         FaultCode::Interrupted,
@@ -356,6 +368,7 @@ mod tests {
         FaultCode::NoAnswer,
         FaultCode::Panic,
         FaultCode::NotCreated,
+        FaultCode::LinkFailed,
     ];
 
     #[test]
@@ -364,7 +377,7 @@ mod tests {
         let codes = ALL.map(|code| code.to_string());
 
         assert!(ALL.iter().enumerate().all(|(number, code)| *code as usize == number));
-        assert_eq!(ALL.len(), FaultCode::NotCreated as usize + 1, "the last code");
+        assert_eq!(ALL.len(), FaultCode::LinkFailed as usize + 1, "the last code");
         for (code, variant) in codes.iter().zip(ALL) {
             assert!(docs.contains(&format!("| `{code}` |")), "docs/faults.md lacks {code}");
             assert_eq!(serde_json::to_value(variant).unwrap(), *code.as_str());
@@ -376,7 +389,7 @@ mod tests {
     fn code_names_the_cause_of_the_error() {
         let error = Error::Fatal {
             actor: "edp track".into(),
-            place: "servo",
+            place: "servo".into(),
             cause: ArmFault::EncoderJump { axis: 3, by: 3.0 }.into(),
             last: None,
         };

@@ -19,10 +19,11 @@
 //! | files | [`tables`] | tables of the solver, kept in files |
 //! | channels | [`desk`] | snapshots up, inputs down |
 //! | hardware | [`hw`] | ports, the drivers that call the servo, cameras, the simulated plant |
+//! | links | [`net`] | links between nodes, and the model of one |
 //! | stop | [`emergency_stop`] | handles that press, read or release the emergency stop |
 //! | kernels | [`kernel`] | what a kernel asks of its shell: event -> next action |
 //! | pure | [`generators`], [`vision`], [`solver`] | step(inputs) -> output |
-//! | | [`reach`], [`servo`], [`net`] | |
+//! | | [`reach`], [`servo`] | |
 //! | vocabulary | [`cell`], [`kinematics`], [`arms`], [`motion`] | types of the field |
 //! | | [`cube`], [`spatial`], [`operator`], [`error`] | |
 //!

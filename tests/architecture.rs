@@ -29,10 +29,10 @@ const LAYERS: &[&[&str]] = &[
     &["registry"],
     &["actors", "web", "tui"],
     &["record", "scenario", "tables", "desk"],
-    &["hw"],
+    &["hw", "net"],
     &["emergency_stop"],
     &["kernel"],
-    &["generators", "vision", "solver", "reach", "servo", "net"],
+    &["generators", "vision", "solver", "reach", "servo"],
     &["cell", "kinematics", "arms", "motion", "cube", "spatial", "operator", "error"],
 ];
 

@@ -695,7 +695,7 @@ async fn operator_sees_refused_command_and_task_continues() {
         panic!("no non-fatal error")
     };
     assert!(time > 0.0);
-    assert_eq!((actor.as_str(), place), ("edp track", "execute"));
+    assert_eq!((actor.as_str(), place.as_ref()), ("edp track", "execute"));
     let limit = |cause: &NonFatal| {
         matches!(
             cause,
@@ -719,11 +719,11 @@ async fn failed_effector_ends_run_with_fatal_error() {
     stop.press();
     let ending = mission.await.unwrap();
 
-    let Some(Error::Fatal { actor, place: "execute", cause, last: Some(last) }) = &ending.error
-    else {
+    let Some(Error::Fatal { actor, place, cause, last: Some(last) }) = &ending.error else {
         panic!("{ending:?}");
     };
-    assert_eq!((actor.as_str(), cause), ("edp track", &Fatal::Arm(ArmFault::EmergencyStop)));
+    let cause_of_stop = &Fatal::Arm(ArmFault::EmergencyStop);
+    assert_eq!((actor.as_str(), &**place, cause), ("edp track", "execute", cause_of_stop));
     assert!(last.period > 0 && last.fault == Some(ArmFault::EmergencyStop));
     assert_eq!(ending.finish, None);
     assert!(matches!(

@@ -72,7 +72,7 @@ const MAILBOX: usize = 4;
 
 /// A request of an ECP to its EDP, with the channel of its answer.
 #[derive(Debug)]
-enum Request {
+pub(super) enum Request {
     Execute { command: MoveCommand, from: u64, reply: oneshot::Sender<Result<ArmState, Error>> },
     Adjust { adjustment: Adjustment, reply: oneshot::Sender<Result<ArmState, Error>> },
     Bias { reply: oneshot::Sender<Result<ArmState, Error>> },
@@ -166,6 +166,12 @@ impl EdpHandle {
         self.state.clone()
     }
 
+    /// Passes on a request that came over a link. An EDP that has ended drops it, and with it the
+    /// channel of its answer.
+    pub(super) async fn pass(&self, request: Request) {
+        let _ = self.mailbox.send(request).await;
+    }
+
     /// Returns the handle for an ECP on another node.
     #[must_use]
     pub(crate) fn across(self, way: &Way) -> Self {
@@ -191,7 +197,7 @@ impl EdpHandle {
     ) -> Result<ArmState, Error> {
         let closed = || Error::System {
             actor: self.name.clone(),
-            place,
+            place: place.into(),
             cause: System::Closed(self.name.clone()),
         };
         let (reply, answer) = oneshot::channel();
@@ -280,6 +286,19 @@ pub(crate) fn spawn_early(
     }
 }
 
+/// Makes the handle of an EDP on another node, which answers within `patience`, and the receiving
+/// end of its mailbox. `state` has the states that the EDP publishes.
+pub(super) fn remote(
+    arm: &str,
+    state: watch::Receiver<ArmState>,
+    patience: Duration,
+    clock: &Clock,
+) -> (EdpHandle, mpsc::Receiver<Request>) {
+    let (mailbox, requests) = mpsc::channel(MAILBOX);
+    let (name, clock) = (format!("edp {arm}"), clock.clone());
+    (EdpHandle { name, mailbox, state, patience, clock, way: None }, requests)
+}
+
 impl Edp {
     /// Answers requests until the last handle is dropped.
     async fn run(mut self) {
@@ -332,7 +351,7 @@ impl Edp {
     /// Makes the error for a servo that does not answer; `place` names the request that failed.
     fn silent(&self, place: &'static str) -> Error {
         let cause = System::Silent { who: "the servo".into(), seconds: SILENCE };
-        Error::System { actor: self.name.clone(), place, cause }
+        Error::System { actor: self.name.clone(), place: place.into(), cause }
     }
 
     /// Sends a move to the servo that begins where the move before it ends. Waits until two periods
@@ -341,7 +360,11 @@ impl Edp {
     async fn execute(&mut self, command: MoveCommand, from: u64) -> Result<ArmState, Error> {
         if command.periods == 0 {
             let cause = NonFatal::Arguments("a move command must last at least one period".into());
-            return Err(Error::NonFatal { actor: self.name.clone(), place: "execute", cause });
+            return Err(Error::NonFatal {
+                actor: self.name.clone(),
+                place: "execute".into(),
+                cause,
+            });
         }
         // The servo takes a command only near the end of the one before, and an early answer lets
         // the command come before.
@@ -399,7 +422,7 @@ impl Edp {
     async fn adjust(&mut self, adjustment: Adjustment) -> Result<ArmState, Error> {
         let refused = |why: &str| {
             let (actor, cause) = (self.name.clone(), NonFatal::Arguments(why.to_owned()));
-            Err(Error::NonFatal { actor, place: "adjust", cause })
+            Err(Error::NonFatal { actor, place: "adjust".into(), cause })
         };
         let (command, rests) = match adjustment {
             Adjustment::Tool(flange_from_tool) => {
@@ -431,7 +454,11 @@ impl Edp {
     fn still_moves(&self, place: &'static str, so: &str) -> Error {
         let seconds = f64::from(REST_TRIES) * REST_PERIODS as f64 * PERIOD;
         let why = format!("the arm still moves after {seconds:.1} s: {so}");
-        Error::NonFatal { actor: self.name.clone(), place, cause: NonFatal::NoReading(why) }
+        Error::NonFatal {
+            actor: self.name.clone(),
+            place: place.into(),
+            cause: NonFatal::NoReading(why),
+        }
     }
 
     /// Waits until the arm is at rest after a motion. Returns `false` if it still moves after
@@ -478,7 +505,7 @@ impl Edp {
         } else {
             NonFatal::NoReading(format!("the force sensor is silent, period {}", state.period))
         };
-        Err(Error::NonFatal { actor: self.name.clone(), place: "bias", cause })
+        Err(Error::NonFatal { actor: self.name.clone(), place: "bias".into(), cause })
     }
 
     /// Homes the arm, and publishes its state each [`PROGRESS`] periods meanwhile.
@@ -504,7 +531,7 @@ impl Edp {
                 Synchronisation::No => {
                     let why = state.refused.unwrap_or(MoveRefused::Aborted);
                     let (actor, cause) = (self.name.clone(), NonFatal::Refused(why));
-                    return Err(Error::NonFatal { actor, place: "synchronise", cause });
+                    return Err(Error::NonFatal { actor, place: "synchronise".into(), cause });
                 }
             }
             if self.link.is_closed() {
@@ -548,7 +575,7 @@ impl Edp {
         let actor = self.name.clone();
         let silent = |seconds| {
             let cause = System::Silent { who: "the actors' heartbeat".into(), seconds };
-            Err(Error::System { actor: actor.clone(), place, cause })
+            Err(Error::System { actor: actor.clone(), place: place.into(), cause })
         };
         // The arm stopped because the actors were silent: that is a failure of the system of
         // actors, not of this effector.
@@ -562,7 +589,12 @@ impl Edp {
         };
         if let Some(fault) = state.fault.or(stopping) {
             let last = Some(Box::new(state));
-            return Err(Error::Fatal { actor, place, cause: Fatal::Arm(fault), last });
+            return Err(Error::Fatal {
+                actor,
+                place: place.into(),
+                cause: Fatal::Arm(fault),
+                last,
+            });
         }
         match state.refused {
             // The servo braked because the actors' heartbeat was missing: no fault of this command.
@@ -570,9 +602,11 @@ impl Edp {
                 silent(HEARTBEAT_TIMEOUT.as_secs_f64())
             }
             // A refusal is an error of the move that was refused, not of a later request.
-            Some(refused) if place == "execute" => {
-                Err(Error::NonFatal { actor, place, cause: NonFatal::Refused(refused) })
-            }
+            Some(refused) if place == "execute" => Err(Error::NonFatal {
+                actor,
+                place: place.into(),
+                cause: NonFatal::Refused(refused),
+            }),
             _ => Ok(state),
         }
     }

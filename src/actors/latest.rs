@@ -151,10 +151,8 @@ impl LatestValues {
         self.lock().orders = orders.iter().map(|order| order.as_ref().map(words)).collect();
     }
 
-    /// Replaces the latest state of the arm that `record` names, and includes it in the arm's
-    /// peaks.
-    fn arm(&self, record: &ServoRecord) {
-        let (index, state) = (usize::from(record.arm), &record.state);
+    /// Replaces the latest state of the arm with this index, and includes it in the arm's peaks.
+    pub(super) fn state(&self, index: usize, state: &ArmState) {
         let mut latest = self.lock();
         if latest.arms.len() <= index {
             latest.arms.resize(index + 1, ArmLatest::default());
@@ -179,7 +177,7 @@ impl<S: RecordSink> RecordSink for Seen<S> {
     /// Copies a record to the latest values, if there is a UI, and passes it on.
     fn record(&mut self, record: &ServoRecord) {
         if let Some(latest) = &self.latest {
-            latest.arm(record);
+            latest.state(usize::from(record.arm), &record.state);
         }
         self.to.record(record);
     }

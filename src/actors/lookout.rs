@@ -145,7 +145,7 @@ pub(crate) async fn run_lookout(
             let cause = Fatal::TooNear(near.to_string());
             services.supervision.watchdog.raise(Error::Fatal {
                 actor: "guard".into(),
-                place: "watch",
+                place: "watch".into(),
                 cause,
                 last: None,
             });

@@ -11,6 +11,7 @@
 //!   of a motion before it begins, `homing` synchronises an arm, `present` makes the UI's snapshots
 //! - services of all actors: `services` with `clock`, `control`, `work`, `trace`, `latest`,
 //!   `notice`
+//! - nodes: `way` is the model of a link on the virtual clock, `remote` a link on the wall clock
 //! - supervision: `watchdog` detects actors that fail, `lookout` stops arms that come too near an
 //!   obstacle, `fault` injects failures
 
@@ -27,6 +28,7 @@ pub mod move_instruction;
 pub mod mp;
 pub mod notice;
 pub(crate) mod present;
+pub(crate) mod remote;
 pub mod sensor;
 pub mod services;
 #[cfg(test)]

@@ -27,6 +27,7 @@ use crate::generators::{
 use crate::motion::{ArmState, MoveCommand, PERIOD};
 use crate::spatial::{Pose, Wrench};
 use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// A generator under way, with the state that its next call needs.
 #[derive(Debug)]
@@ -190,7 +191,7 @@ fn tool_distance(arm: &ArmState, target: &Pose) -> (f64, f64) {
 }
 
 /// Manner in which MP, the superior actor, ends a motion.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Ending {
     /// A fast motion first slows down: its generator gets a falling pace.
     Slowing,

@@ -134,7 +134,9 @@ impl Vsp {
                 self.kernel = Some(kernel);
                 Ok(value)
             }
-            Err(cause) => Err(Error::System { actor: self.name.clone(), place: "measure", cause }),
+            Err(cause) => {
+                Err(Error::System { actor: self.name.clone(), place: "measure".into(), cause })
+            }
         }
     }
 
@@ -150,7 +152,7 @@ impl Vsp {
                 let (actor, cause) = (self.name.clone(), NonFatal::NoReading(why.clone()));
                 trace.tell(Notice::Error(
                     seconds,
-                    Error::NonFatal { actor, place: "measure", cause },
+                    Error::NonFatal { actor, place: "measure".into(), cause },
                 ));
             }
             Ok(_) if self.reported => {

@@ -61,9 +61,11 @@ const MAILBOX: usize = 2;
 
 /// A request to read a face, with the channel of its answer.
 #[derive(Debug)]
-struct Look {
-    view: View,
-    reply: oneshot::Sender<Result<FaceReading, Error>>,
+pub(super) struct Look {
+    /// Where the face is expected, and the exposure.
+    pub(super) view: View,
+    /// Channel of the answer.
+    pub(super) reply: oneshot::Sender<Result<FaceReading, Error>>,
 }
 
 /// The sending end of a camera's VSP. The VSP ends when the last clone is dropped.
@@ -76,6 +78,8 @@ pub struct VspHandle {
     target: watch::Receiver<Option<Target>>,
     /// Way to the VSP; `None` for one on the node of its owner.
     way: Option<Way>,
+    /// Additional time of an answer from another node.
+    trip: Duration,
 }
 
 impl VspHandle {
@@ -87,8 +91,20 @@ impl VspHandle {
             sensing: way.set(&self.sensing),
             target: way.watch(Toward::Home, Carries::Newest, self.target),
             way: Some(way.clone()),
+            trip: way.longest_trip(),
             ..self
         }
+    }
+
+    /// Passes on a request that came over a link. A VSP that has ended drops it, and with it the
+    /// channel of its answer.
+    pub(super) async fn pass(&self, look: Look) {
+        let _ = self.mailbox.send(look).await;
+    }
+
+    /// Returns a receiver of the poses of the cube.
+    pub(super) fn targets(&self) -> watch::Receiver<Option<Target>> {
+        self.target.clone()
     }
 
     /// Begins or ends the tracking of the cube.
@@ -115,14 +131,13 @@ impl VspHandle {
     pub async fn look(&self, view: View) -> Result<FaceReading, Error> {
         let closed = || Error::System {
             actor: self.name.clone(),
-            place: "look",
+            place: "look".into(),
             cause: System::Closed(self.name.clone()),
         };
         let (reply, answer) = oneshot::channel();
         let sent = way::send(self.way.as_ref(), &self.mailbox, (Look { view, reply }, answer));
         let answer = sent.await.ok_or_else(closed)?;
-        let limit = PATIENCE + self.way.as_ref().map_or(Duration::ZERO, Way::longest_trip);
-        answer_of(&self.name, "look", Some(limit), answer).await
+        answer_of(&self.name, "look", Some(PATIENCE + self.trip), answer).await
     }
 }
 
@@ -228,7 +243,40 @@ pub(crate) fn spawn(name: &str, parts: Parts) -> VspHandle {
         sensing: std::sync::Arc::new(sensing),
         target: targets,
         way: None,
+        trip: Duration::ZERO,
     }
+}
+
+/// Receiving ends of the requests and settings of a VSP on another node.
+pub(super) struct Ends {
+    /// Requests to read a face.
+    pub(super) looks: mpsc::Receiver<Look>,
+    /// Whether the VSP tracks the cube.
+    pub(super) tracking: watch::Receiver<bool>,
+    /// How the VSP looks for the cube.
+    pub(super) sensing: watch::Receiver<Sensing>,
+}
+
+/// Makes the handle of a VSP on another node, and the receiving ends of all that it sends. `target`
+/// has the poses of the cube; an answer is on its way for `trip` longer than on one node.
+pub(super) fn remote(
+    name: &str,
+    target: watch::Receiver<Option<Target>>,
+    trip: Duration,
+) -> (VspHandle, Ends) {
+    let (mailbox, looks) = mpsc::channel(MAILBOX);
+    let (track, tracking) = watch::channel(false);
+    let (configure, sensing) = watch::channel(Sensing::SEEK);
+    let handle = VspHandle {
+        name: format!("vsp {name}"),
+        mailbox,
+        tracking: Arc::new(track),
+        sensing: Arc::new(configure),
+        target,
+        way: None,
+        trip,
+    };
+    (handle, Ends { looks, tracking, sensing })
 }
 
 impl Vsp {
@@ -354,7 +402,7 @@ impl Vsp {
     /// request. The worker took the camera and the track with it. Without the alarm a generator
     /// would wait for a cube that no camera looks for.
     fn worker_failed(&self, place: &'static str, cause: System) -> Error {
-        let error = Error::System { actor: self.name.clone(), place, cause };
+        let error = Error::System { actor: self.name.clone(), place: place.into(), cause };
         self.services.supervision.watchdog.raise(error.clone());
         error
     }
@@ -409,7 +457,7 @@ impl Vsp {
                 });
                 reading.map_err(|reason| Error::NonFatal {
                     actor: self.name.clone(),
-                    place: "look",
+                    place: "look".into(),
                     cause: NonFatal::NoReading(reason),
                 })
             }
@@ -451,9 +499,10 @@ impl Vsp {
             let reason = reason.cloned().unwrap_or_default();
             let cause = NonFatal::NoReading(format!("{reason}, period {period}"));
             let actor = self.name.clone();
-            self.services
-                .trace
-                .tell(Notice::Error(seconds, Error::NonFatal { actor, place: "watch", cause }));
+            self.services.trace.tell(Notice::Error(
+                seconds,
+                Error::NonFatal { actor, place: "watch".into(), cause },
+            ));
         }
     }
 

@@ -86,7 +86,7 @@ pub(crate) async fn answer_of<T>(
     limit: Option<Duration>,
     answer: oneshot::Receiver<Result<T, Error>>,
 ) -> Result<T, Error> {
-    let error = |cause| Error::System { actor: who.to_owned(), place, cause };
+    let error = |cause| Error::System { actor: who.to_owned(), place: place.into(), cause };
     let answer = match limit {
         None => answer.await,
         Some(limit) => within(limit, LAST, answer).await.ok_or_else(|| {
@@ -204,7 +204,7 @@ impl Samples {
 /// Makes the error for the actor `who`, which has been busy with one work item for `time`.
 fn silent(who: String, time: Duration) -> Error {
     let cause = System::Silent { who, seconds: time.as_secs_f64() };
-    Error::System { actor: "supervisor".into(), place: "watch", cause }
+    Error::System { actor: "supervisor".into(), place: "watch".into(), cause }
 }
 
 /// Makes the error for a node without a sign of life for `time`.
@@ -338,7 +338,7 @@ pub(crate) async fn raised(listens: &mut watch::Receiver<Option<Error>>) -> Erro
 /// Returns the error of a panic, with the text of the panic.
 pub(crate) fn panicked(name: &str, why: &(dyn Any + Send)) -> Error {
     let cause = System::Panicked { who: name.to_owned(), why: panic_text(why) };
-    Error::System { actor: "supervisor".into(), place: "supervise", cause }
+    Error::System { actor: "supervisor".into(), place: "supervise".into(), cause }
 }
 
 /// A future whose panic is its output.

@@ -12,7 +12,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Measure", &["campaign", "benchmark", "weigh", "doctor"]),
     ("Cube", &["solve", "plan", "scramble", "tables"]),
     ("Vision", &["vision", "calibrate", "picture"]),
-    ("Hardware", &["emulate", "kinematics"]),
+    ("Hardware", &["emulate", "node", "kinematics"]),
     ("Files", &["replay", "report", "film", "recover", "urdf", "schema", "completions", "man"]),
 ];
 

@@ -27,6 +27,7 @@ mod kinematics;
 mod locate;
 mod merge;
 mod mix;
+mod node;
 mod output;
 mod picture;
 mod plan;
@@ -108,6 +109,8 @@ enum Command {
     Benchmark(benchmark::BenchmarkArgs),
     /// Emulate the robot of a scenario on serial lines, datagrams and sockets
     Emulate(emulate::EmulateArgs),
+    /// Run the actors of another node of a scenario, at the order of the node that has MP
+    Node(node::NodeArgs),
     /// Measure the weight of a tool, its centre of mass and the bias of the force sensor
     Weigh(weigh::WeighArgs),
     /// Check a scenario without running it and list all its errors
@@ -307,6 +310,7 @@ pub fn main(catalogue: Catalogue) -> ExitCode {
         Command::Campaign(args) => campaign::run(&args, &mut output),
         Command::Benchmark(args) => benchmark::run(&args, &mut output),
         Command::Emulate(args) => emulate::run(&args, &mut output),
+        Command::Node(args) => node::run(&args, &mut output),
         Command::Weigh(args) => weigh::run(&args, &mut output),
         Command::Check(args) => check::run(&args, &mut output),
         Command::Keys { word } => keys::run(word.as_deref(), &mut output),

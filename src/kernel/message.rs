@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// The end of a task, as the controller sees it. The plant decides whether the cube is solved.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Finish {
     /// Whether the controller believes that the task is achieved.
     pub achieved: bool,
@@ -85,7 +85,7 @@ impl Signal {
 }
 
 /// Message between MP and its ECPs.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Message {
     /// A signal.
     Signal {

@@ -226,7 +226,7 @@ pub struct Turning {
 }
 
 /// How a camera in a hand looks at one face.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct View {
     /// Expected pose of the face: origin in its centre, x to the next column, y to the next row in
     /// reading order.

@@ -25,6 +25,10 @@ pub fn run_remedy(error: &Error) -> Option<&'static str> {
                 "Check that the machine is not overloaded (`rubik-robot doctor`) and start a new \
                  run; if it happens again, report it with a recording (--record).",
             ),
+            System::Link { .. } => Some(
+                "Check the network between the nodes and start all of them again; if it happens \
+                 again, compare the figures of docs/nodes.md.",
+            ),
             System::Panicked { .. } | System::Closed(_) => Some(DEFECT),
             // The text of the error names the part and what is wrong with it.
             System::NotCreated { .. } => None,
@@ -97,8 +101,9 @@ mod tests {
     /// Fatal and system errors have an instruction, except if the text of the error has it already.
     #[test]
     fn every_fatal_error_has_a_remedy() {
-        let fatal = |cause| Error::Fatal { actor: "edp".into(), place: "servo", cause, last: None };
-        let system = |cause| Error::System { actor: "mp".into(), place: "execute", cause };
+        let fatal =
+            |cause| Error::Fatal { actor: "edp".into(), place: "servo".into(), cause, last: None };
+        let system = |cause| Error::System { actor: "mp".into(), place: "execute".into(), cause };
 
         for cause in [
             Fatal::Arm(ArmFault::EmergencyStop),

@@ -193,7 +193,7 @@ fn calibrated(before: &Camera, setup: &Setup) -> Camera {
 /// Returns the error of a calibration that is not possible, with its reason.
 fn failed(why: &str) -> Error {
     let cause = System::NotCreated { who: "calibration".into(), why: why.into() };
-    Error::System { actor: "calibration".into(), place: "create", cause }
+    Error::System { actor: "calibration".into(), place: "create".into(), cause }
 }
 
 /// The servos of both arms and the port that they work on.
@@ -248,7 +248,7 @@ impl Arms {
                 let cause = Fatal::Arm(fault);
                 return Err(Error::Fatal {
                     actor: "calibration".into(),
-                    place: "move",
+                    place: "move".into(),
                     cause,
                     last: None,
                 });

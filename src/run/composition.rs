@@ -11,6 +11,7 @@ use super::nodes::Nodes;
 use super::operator::OperatorChannels;
 use super::options::{PlantProbe, RunOptions};
 use super::outcome::{Done, unaccounted};
+use super::peers::Peers;
 use super::plan::Plan;
 use super::plant_hash::plant_hash;
 use super::recording;
@@ -177,6 +178,8 @@ impl Composition<'_> {
         // Read before the servos start, because their driver takes the world.
         let beginning = Beginning::of(&world, &self.scenario.controller)?;
         self.operator.started(self.options.wait).await?;
+        // Before the servos: without all nodes no drive is switched on.
+        let peers = Peers::join(self.scenario).await?;
         let judge = entry_of(self.scenario)?.judge().map(|judge| Arc::new(Mutex::new(judge)));
         let (mut servos, jams) = self.start_servos(world, judge.clone())?;
         let services = self.services(servos.clock.clone());
@@ -201,7 +204,7 @@ impl Composition<'_> {
         let meetings = plan.meetings;
         let assignment = Assignment { meetings, logbook, to_task, turning };
         let mut staff = self
-            .staff(&mut servos, sources, &services, (by_hand, resumes))
+            .staff(&mut servos, sources, (&services, peers), (by_hand, resumes))
             .await
             .inspect_err(|_| servos.switches.stop.store(true, Ordering::Release))?;
         let scenario = self.scenario;
@@ -210,7 +213,7 @@ impl Composition<'_> {
         // An actor that has panicked stays marked as busy. The outside watch ends with the task, so
         // that it does not take that actor for a stuck one.
         drop(outside);
-        let end = self.wind_down(servos, &mut performed.ending).await?;
+        let end = self.wind_down(servos, &staff.nodes, &mut performed.ending).await?;
         // The kernel gets no event after an error, but a cube may fall while the arms come to rest.
         if performed.ending.error.is_some() {
             performed.kernel.look_back(&staff.arms());
@@ -251,7 +254,9 @@ impl Composition<'_> {
             require_real_time: self.options.require_real_time,
         };
         let length = drive.length();
-        let links = Links::create(&scenario.controller, length)?;
+        let config = &scenario.controller;
+        let here = config.network.servos_of(None, config.cell.arms.len());
+        let links = Links::create(config, here, length)?;
         let trace = operator.trace.clone();
         let recorder = trace.recorder();
         let events = PlantEventLog::new(scenario, recorder.clone());
@@ -316,15 +321,16 @@ impl Composition<'_> {
         &self,
         servos: &mut Servos,
         sources: Sources,
-        services: &Services,
+        (services, peers): (&Services, Peers),
         (by_hand, resumes): (bool, bool),
     ) -> Result<Staff, Error> {
         let config = &self.scenario.controller;
-        let nodes = Nodes::start(config, self.scenario.seed, &self.faults, services);
+        let mut nodes = Nodes::start(config, self.scenario.seed, &self.faults, services, peers);
         let beside = (&self.faults, &nodes);
         let drivers = start_drivers(config, servos, services, beside, by_hand);
+        nodes.begin(drivers.edps(), &servos.switches, services);
         home(&drivers, &config.cell, services, resumes).await?;
-        start_actors(config, drivers, sources, services, beside).await
+        start_actors(config, drivers, sources, services, (&self.faults, nodes)).await
     }
 
     /// Brings the arms to rest, stops the servos, and returns the plant's verdict and scene; `None`
@@ -335,6 +341,7 @@ impl Composition<'_> {
     async fn wind_down(
         &self,
         servos: Servos,
+        nodes: &Nodes,
         ending: &mut Ending,
     ) -> Result<Option<(Verdict, Scene)>, Error> {
         let switches = Arc::clone(&servos.switches);
@@ -351,6 +358,7 @@ impl Composition<'_> {
             tokio::time::sleep(Duration::from_secs_f64(settles)).await;
         }
         switches.stop.store(true, Ordering::Release);
+        nodes.leave().await;
         let (trace, end) = (&self.operator.trace, ending.end);
         // The wall driver has a timing: histograms for the recording, lines for the operator.
         let report = |timing: &Timing| {

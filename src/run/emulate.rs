@@ -226,7 +226,7 @@ pub(crate) fn emulate(
         })
         .map_err(|fault| Error::Fatal {
             actor: "emulator".into(),
-            place: "plant",
+            place: "plant".into(),
             cause: Fatal::Bridge(fault.to_string()),
             last: None,
         })?;

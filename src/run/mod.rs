@@ -21,10 +21,12 @@ mod failure;
 mod gate;
 mod interrupt;
 pub(crate) mod meeting_cache;
+mod node;
 mod nodes;
 mod operator;
 mod options;
 mod outcome;
+mod peers;
 mod plan;
 mod plant_hash;
 mod recording;
@@ -41,6 +43,7 @@ mod world;
 mod world_file;
 
 pub(crate) use interrupt::{SIGNALS, ending_signals};
+pub(crate) use node::{NodeContext, NodeEnd, host};
 pub use options::{PlantProbe, RunContext, RunOptions, SavedFiles};
 pub(crate) use outcome::{exertion, not_begun};
 pub use settings::planner;
@@ -215,7 +218,7 @@ fn carried_out(
         Some(playback) => {
             World::of_recording(scenario.controller.cameras.len(), playback.clone(), control)
         }
-        None if scenario.bridge.kind.is_hardware() => World::of_hardware(scenario, control)?,
+        None if scenario.bridge.kind.is_hardware() => World::of_hardware(scenario, None, control)?,
         // The plant starts in the state that another run left, if this run resumes that one.
         None => {
             let mut plant = plan.plant(scenario)?;

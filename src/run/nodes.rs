@@ -1,16 +1,22 @@
 //! Nodes of a run on the virtual clock: the ways to them, and the watch over their beats.
 //!
-//! - in: the nodes of the scenario, the model of the link, the flags of dead nodes
+//! On the wall clock the nodes are processes, and [`Peers`] has the links to them.
+//!
+//! - in: the nodes of the scenario, the model of the link, the flags of dead nodes; nodes that have
+//!   joined the run
 //! - out: the way to each remote actor; a system error once a node is silent
 //!
 //! A node sends a beat every [`BEAT`]. Both arms hold by the error of MP's node.
 
 use super::disturbance::InjectedFaults;
+use super::peers::Peers;
 use crate::actors::edp::EdpHandle;
 use crate::actors::lookout::Watched;
+use crate::actors::remote::{Home, Watch};
 use crate::actors::services::Services;
 use crate::actors::watchdog::{silent_node, within};
 use crate::actors::way::{BEAT, Carries, Toward, Way};
+use crate::hw::driver::Switches;
 use crate::motion::{ArmState, PERIOD};
 use crate::scenario::ControllerConfig;
 use crate::scenario::node_keys::NodeConfig;
@@ -25,24 +31,84 @@ const SILENCE: Duration = Duration::from_millis(120);
 /// Longest time between two states that the EDP of a moving arm publishes, with one of them lost.
 const PUBLISHED: Duration = Duration::from_millis(100);
 
-/// Nodes beside that of MP, each with the way to it.
-pub(super) struct Nodes(Vec<(NodeConfig, Way)>);
+/// Nodes beside that of MP.
+pub(super) struct Nodes {
+    /// Nodes on the virtual clock, each with the way to it.
+    modelled: Vec<(NodeConfig, Way)>,
+    /// Nodes on the wall clock.
+    peers: Peers,
+}
 
 impl Nodes {
-    /// Makes the ways to the nodes of a scenario and begins to watch them.
+    /// Makes the ways to the nodes of a scenario on the virtual clock, and begins to watch them.
+    /// `peers` are those on the wall clock.
     pub(super) fn start(
         config: &ControllerConfig,
         seed: u64,
         faults: &InjectedFaults,
         services: &Services,
+        peers: Peers,
     ) -> Self {
-        let nodes = config.network.nodes.iter().zip(&faults.nodes).enumerate();
+        let nodes = config.network.nodes.iter().filter(|_| !config.network.is_real);
+        let nodes = nodes.zip(&faults.nodes).enumerate();
         let nodes = nodes.map(|(i, (node, dead))| {
             let way = Way::new(config.network.link, seed, i, Arc::clone(dead));
             watch_beats(&node.name, &way, services);
             (node.clone(), way)
         });
-        Self(nodes.collect())
+        Self { modelled: nodes.collect(), peers }
+    }
+
+    /// Begins the exchange with the nodes on the wall clock. `edps` are the EDPs as MP's node sees
+    /// them.
+    pub(super) fn begin(
+        &mut self,
+        edps: &[EdpHandle],
+        switches: &Arc<Switches>,
+        services: &Services,
+    ) {
+        let way = self.peers.way;
+        for peer in std::mem::take(&mut self.peers.waiting) {
+            let others = edps.iter().enumerate().filter(|(i, _)| !peer.node.edps.contains(i));
+            let watch = Watch {
+                services: services.clone(),
+                switches: Arc::clone(switches),
+                states: others.map(|(i, edp)| (i, edp.watch())).collect(),
+                way,
+            };
+            peer.home.start(peer.receiver, watch);
+        }
+    }
+
+    /// Ends the parts of the nodes on the wall clock in the run.
+    pub(super) async fn leave(&self) {
+        for peer in &self.peers.all {
+            peer.home.leave().await;
+        }
+    }
+
+    /// Returns the link to the node on the wall clock that has the ECP and the EDP of an effector;
+    /// `None` on MP's node.
+    pub(super) fn home_of(&self, effector: usize) -> Option<&Home> {
+        self.link_to(|node| node.edps.contains(&effector))
+    }
+
+    /// Returns the link to the node on the wall clock that has the VSP with this index; `None` on
+    /// MP's node.
+    pub(super) fn home_of_vsp(&self, vsp: usize) -> Option<&Home> {
+        self.link_to(|node| node.vsps.contains(&vsp))
+    }
+
+    /// Returns whether the arm of an effector was synchronised when its node joined; `None` for one
+    /// on MP's node.
+    pub(super) fn is_synchronised(&self, effector: usize) -> Option<bool> {
+        let mut arms = self.peers.all.iter().flat_map(|peer| &peer.arms);
+        arms.find(|(arm, _)| *arm == effector).map(|(_, is)| *is)
+    }
+
+    /// Returns the link to the node on the wall clock that has an actor.
+    fn link_to(&self, has: impl Fn(&NodeConfig) -> bool) -> Option<&Home> {
+        self.peers.all.iter().find(|peer| has(&peer.node)).map(|peer| &peer.home)
     }
 
     /// Returns the way to the EDP of the effector with this index; `None` on MP's node.
@@ -58,8 +124,9 @@ impl Nodes {
     /// Returns the states of the arms of these EDPs for the lookout on the node of MP.
     pub(super) fn watched(&self, edps: &[EdpHandle]) -> Vec<Watched> {
         let watched = edps.iter().enumerate().map(|(i, edp)| {
-            let late =
-                self.of_edp(i).map(|way| (way.longest_value() + PUBLISHED).as_secs_f64() / PERIOD);
+            let real = self.home_of(i).map(|_| self.peers.way);
+            let way = self.of_edp(i).map(Way::longest_value).or(real);
+            let late = way.map(|way| (way + PUBLISHED).as_secs_f64() / PERIOD);
             Watched { state: edp.watch(), late: late.map(|periods| periods as u64) }
         });
         watched.collect()
@@ -76,7 +143,7 @@ impl Nodes {
         let Some(way) = self.of_ecp(effector) else {
             return edps.iter().map(EdpHandle::watch).collect();
         };
-        let node = self.0.iter().find(|(node, _)| node.ecps.contains(&effector));
+        let node = self.modelled.iter().find(|(node, _)| node.ecps.contains(&effector));
         let is_here = |i: &usize| node.is_some_and(|(node, _)| node.edps.contains(i));
         let states = edps.iter().zip(beside).enumerate().map(|(i, (far, near))| {
             if is_here(&i) {
@@ -100,7 +167,7 @@ impl Nodes {
 
     /// Returns the way to the node that has an actor; `None` for an actor on MP's node.
     fn way_to(&self, has: impl Fn(&NodeConfig) -> bool) -> Option<&Way> {
-        self.0.iter().find(|(node, _)| has(node)).map(|(_, way)| way)
+        self.modelled.iter().find(|(node, _)| has(node)).map(|(_, way)| way)
     }
 }
 

@@ -29,6 +29,7 @@ use crate::scenario::keys::{Pace, RealTime};
 use crate::scenario::{ControllerConfig, Scenario};
 use crate::servo::period::Length;
 use crate::servo::{ForceSettings, ServoCommand, ServoConfig};
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -159,28 +160,29 @@ impl BetweenPeriods {
 
 /// Links to the servos of a run, before the servos are started.
 pub(super) struct Links {
+    /// Indices of the effectors.
+    effectors: Vec<usize>,
     configs: Vec<ServoConfig>,
     edp_ends: Vec<ServoLink>,
     servo_ends: Vec<ServoEnd>,
 }
 
 impl Links {
-    /// Creates a link for each arm, and sends the settings that its servo needs before the first
-    /// period.
+    /// Creates a link for each of these effectors, and sends the settings that its servo needs
+    /// before the first period.
     ///
     /// # Errors
     /// If a servo's mailbox is full.
-    pub(super) fn create(config: &ControllerConfig, length: Length) -> Result<Self, Error> {
-        let configs: Vec<_> = config
-            .cell
-            .arms
-            .iter()
-            .zip(&config.effectors)
-            .map(|(arm, effector)| ServoConfig {
-                period: length,
-                ..ServoConfig::new(arm, effector.gains.clone())
-            })
-            .collect();
+    pub(super) fn create(
+        config: &ControllerConfig,
+        effectors: Vec<usize>,
+        length: Length,
+    ) -> Result<Self, Error> {
+        let servo = |&effector: &usize| {
+            let (arm, gains) = (&config.cell.arms[effector], &config.effectors[effector].gains);
+            ServoConfig { period: length, ..ServoConfig::new(arm, gains.clone()) }
+        };
+        let configs: Vec<_> = effectors.iter().map(servo).collect();
         let (mut links, ends): (Vec<ServoLink>, Vec<_>) =
             configs.iter().map(|_| driver::link_at(length)).unzip();
         // Only a scenario that spoils the force control on purpose, for an experiment, has settings
@@ -195,7 +197,7 @@ impl Links {
                     .map_err(|e| not_created("servo", &e.to_string()))?;
             }
         }
-        Ok(Self { configs, edp_ends: links, servo_ends: ends })
+        Ok(Self { effectors, configs, edp_ends: links, servo_ends: ends })
     }
 }
 
@@ -221,10 +223,10 @@ pub(super) struct Parts {
 
 /// Running servos.
 pub(super) struct Servos {
-    /// EDPs' ends of the links.
-    pub(super) links: Vec<ServoLink>,
-    /// Whether each arm is synchronised from the beginning.
-    pub(super) synchronised: Vec<bool>,
+    /// EDPs' ends of the links, by effector.
+    pub(super) links: BTreeMap<usize, ServoLink>,
+    /// Whether the arm of each effector is synchronised from the beginning.
+    pub(super) synchronised: BTreeMap<usize, bool>,
     /// Stops, holds and heartbeats of all servos.
     pub(super) switches: Arc<Switches>,
     /// Clock of the actors, in servo periods.
@@ -258,7 +260,7 @@ pub(super) fn start_servos(
     parts: Parts,
 ) -> Result<Servos, Error> {
     let Parts {
-        links: Links { configs, edp_ends: links, servo_ends: ends },
+        links: Links { effectors, configs, edp_ends: links, servo_ends: ends },
         switches,
         clock,
         stop_button,
@@ -272,6 +274,7 @@ pub(super) fn start_servos(
     let seen = recording::with(Box::new(seen), last_second);
     let new_core = |sink, world: &mut World| {
         Core::new(configs, ends, Arc::clone(&switches), sink, world)
+            .map(|core| core.of_effectors(&effectors))
             .map_err(|e| not_created("servo", &e.to_string()))
     };
     let (synchronised, driver);
@@ -280,7 +283,7 @@ pub(super) fn start_servos(
         Pace::Virtual => {
             let sink = recording::with(seen, recorder.ticks());
             let core = new_core(recording::with(sink, playback), &mut world)?;
-            synchronised = core.synchronised().collect();
+            synchronised = core.synchronised().collect::<Vec<_>>();
             driver = run_virtual(core, world, drive.missed_limit, between);
         }
         Pace::RealTime => {
@@ -309,6 +312,8 @@ pub(super) fn start_servos(
             driver = Driver::Wall(wall, writer);
         }
     }
+    let links = effectors.iter().copied().zip(links).collect();
+    let synchronised = effectors.iter().copied().zip(synchronised).collect();
     Ok(Servos { links, synchronised, switches, clock, stop_button, driver })
 }
 
@@ -352,7 +357,7 @@ fn write_records(
 /// Returns the error of a thread or task of the driver that panicked.
 fn died(who: &str, why: String) -> Error {
     let cause = System::Panicked { who: who.to_owned(), why };
-    Error::System { actor: "supervisor".into(), place: "servo", cause }
+    Error::System { actor: "supervisor".into(), place: "servo".into(), cause }
 }
 
 impl Servos {
@@ -365,7 +370,7 @@ impl Servos {
     pub(super) async fn stopped(self, report: impl FnOnce(&Timing)) -> Result<Stopped, Error> {
         let bridge = |fault: PortFault| {
             let cause = Fatal::Bridge(fault.to_string());
-            Error::Fatal { actor: "supervisor".into(), place: "servo", cause, last: None }
+            Error::Fatal { actor: "supervisor".into(), place: "servo".into(), cause, last: None }
         };
         match self.driver {
             Driver::Virtual(servo) => {

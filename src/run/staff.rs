@@ -9,7 +9,7 @@ use super::interrupt::SWITCHES_OFF;
 use super::nodes::Nodes;
 use super::servos::Servos;
 use super::settings;
-use super::world::Sources;
+use super::world::{Cameras, Sources};
 use crate::actors::control::permission_soon;
 use crate::actors::ecp::Surroundings;
 use crate::actors::edp::EdpHandle;
@@ -127,6 +127,15 @@ pub(super) struct Staff {
     pub(super) guard: Guard,
     /// Flag of MP for the lookout: whether the commanded motions keep the hands apart.
     pub(super) apart: Apart,
+    /// Nodes beside that of MP.
+    pub(super) nodes: Nodes,
+}
+
+impl Drivers {
+    /// Returns the EDPs as the node of MP sees them.
+    pub(super) fn edps(&self) -> &[EdpHandle] {
+        &self.edps
+    }
 }
 
 impl Staff {
@@ -146,14 +155,19 @@ pub(super) fn start_drivers(
     by_hand: bool,
 ) -> Drivers {
     // Each arm has one link, which its EDP owns from now on.
-    let links = std::mem::take(&mut servos.links);
-    let arms = config.cell.arms.iter().zip(links).enumerate();
+    let mut links = std::mem::take(&mut servos.links);
+    let arms = config.cell.arms.iter().enumerate();
     let beside: Vec<_> = arms
-        .map(|(i, (arm, link))| {
+        .filter_map(|(i, arm)| {
+            if let Some(home) = nodes.home_of(i) {
+                let patience = services.supervision.patience;
+                return Some(home.edp(i, &arm.name, patience, &services.clock));
+            }
+            let link = links.remove(&i)?;
             let periods = u64::from(config.network.lead(i));
             let lead = (periods > 0).then(|| edp::Lead { periods, model: arm.model.clone() });
             let services = services.under(faults.edps.get(i)).across(nodes.of_edp(i));
-            edp::spawn_early(&arm.name, link, lead, &services)
+            Some(edp::spawn_early(&arm.name, link, lead, &services))
         })
         .collect();
     let edps: Vec<_> = beside.iter().enumerate().map(|(i, edp)| nodes.home(i, edp)).collect();
@@ -170,7 +184,10 @@ pub(super) fn start_drivers(
     );
     services.supervision.watchdog.spawn("guard", watching);
     // When arms are moved by hand, the operator decides when each arm is synchronised.
-    let unsynchronised = (0..edps.len()).filter(|&i| !servos.synchronised[i] && !by_hand).collect();
+    let is_synchronised =
+        |i: usize| nodes.is_synchronised(i).or(servos.synchronised.get(&i).copied());
+    let unsynchronised =
+        (0..edps.len()).filter(|&i| is_synchronised(i) != Some(true) && !by_hand).collect();
     Drivers { edps, beside, unsynchronised, guard, apart }
 }
 
@@ -189,7 +206,7 @@ pub(super) async fn home(
     if let Some(&i) = drivers.unsynchronised.first().filter(|_| resumes) {
         let (actor, effector) = ("supervisor".to_owned(), cell.arms[i].name.clone());
         let cause = NonFatal::Lost { effector };
-        return Err(Error::NonFatal { actor, place: "resume", cause });
+        return Err(Error::NonFatal { actor, place: "resume".into(), cause });
     }
     // One arm at a time. A panic of any actor ends the wait for the arm.
     for &i in &drivers.unsynchronised {
@@ -216,7 +233,7 @@ async fn home_arm(edp: &EdpHandle, services: &Services) -> Result<(), Error> {
             Some(Err(_)) => {
                 let cause = NonFatal::Terminated;
                 let actor = "supervisor".into();
-                return Err(Error::NonFatal { actor, place: "synchronise", cause });
+                return Err(Error::NonFatal { actor, place: "synchronise".into(), cause });
             }
             // While the operator pauses, the state is requested, because it reports a fault of the
             // arm.
@@ -243,10 +260,10 @@ pub(super) async fn start_actors(
     drivers: Drivers,
     sources: Sources,
     services: &Services,
-    (faults, nodes): (&InjectedFaults, &Nodes),
+    (faults, nodes): (&InjectedFaults, Nodes),
 ) -> Result<Staff, Error> {
     let Drivers { edps, beside, unsynchronised, guard, apart } = drivers;
-    let sensors = start_sensors(config, &edps, sources, services, (faults, nodes))?;
+    let sensors = start_sensors(config, &edps, sources, services, (faults, &nodes))?;
     let manners: Vec<_> =
         (0..config.cell.arms.len()).map(|effector| manner(config, effector)).collect();
     let ecps: Vec<_> = config
@@ -255,6 +272,13 @@ pub(super) async fn start_actors(
         .iter()
         .enumerate()
         .map(|(index, arm)| {
+            if let Some(home) = nodes.home_of(index) {
+                let (clock, lag) = (services.clock.clone(), config.network.lag());
+                let patience = services.supervision.patience;
+                let macrostep = manners[index].compliance.macrostep;
+                let silence = ecp::silence(macrostep, lag, patience) + patience;
+                return home.ecp(index, &arm.name, silence, (clock, lag));
+            }
             let way = nodes.of_ecp(index);
             let parts = ecp::Parts {
                 // An ECP on another node is beside its EDP.
@@ -286,7 +310,7 @@ pub(super) async fn start_actors(
             done = ecps[i].behave(start) => done,
         }?;
     }
-    Ok(Staff { edps, ecps, sensors, manners, guard, apart })
+    Ok(Staff { edps, ecps, sensors, manners, guard, apart, nodes })
 }
 
 /// VSPs, each with the actor that owns it.
@@ -332,17 +356,16 @@ fn start_sensors(
                 sensors.own.push((owner, sensor::spawn(&wanted.name, parts)));
             }
             (kind, Some(camera)) => {
-                // A frame source has one reader.
-                let source = sources.cameras[camera].take().ok_or_else(|| {
-                    not_created(&wanted.name, "its camera belongs to another VSP")
-                })?;
+                let carrier = config.cell.cameras[camera].mount.arm();
+                if let Some(home) = nodes.home_of_vsp(index) {
+                    // An ECP on that node has the VSP beside it.
+                    if !matches!(owner, Owner::Ecp(i) if nodes.home_of(i).is_some()) {
+                        sensors.add(kind, owner, carrier, home.vsp(index, &wanted.name));
+                    }
+                    continue;
+                }
                 let services = services.under(faults.vsps.get(camera));
-                let parts = sensor_parts(config, wanted, (camera, source), services);
-                let carrier = match config.cell.cameras[camera].mount {
-                    Mount::Flange { arm, .. } => Some(arm),
-                    Mount::World { .. } => None,
-                };
-                let vsp = vsp::spawn(&wanted.name, parts);
+                let vsp = camera_vsp(config, wanted, &mut sources.cameras, &services)?;
                 // An ECP on another node has its VSPs beside it.
                 let is_beside = matches!(owner, Owner::Ecp(i) if nodes.of_ecp(i).is_some());
                 let vsp = match nodes.of_vsp(index) {
@@ -355,6 +378,25 @@ fn start_sensors(
         }
     }
     Ok(sensors)
+}
+
+/// Starts the VSP of a camera, whose source it takes from `cameras`.
+///
+/// # Errors
+/// If the VSP has no camera of its own.
+pub(super) fn camera_vsp(
+    config: &ControllerConfig,
+    wanted: &VspConfig,
+    cameras: &mut Cameras,
+    services: &Services,
+) -> Result<VspHandle, Error> {
+    let camera = wanted.camera.ok_or_else(|| not_created(&wanted.name, "it has no camera"))?;
+    // A frame source has one reader.
+    let source = cameras[camera]
+        .take()
+        .ok_or_else(|| not_created(&wanted.name, "its camera belongs to another VSP"))?;
+    let parts = sensor_parts(config, wanted, (camera, source), services.clone());
+    Ok(vsp::spawn(&wanted.name, parts))
 }
 
 /// Makes the kernel of a user's own sensor with its device, or with the `model` of it.

@@ -73,7 +73,7 @@ pub(crate) fn weigh_tool(
     let scenario = &scenario.at_usual_period();
     let control = Arc::new(watch::channel(Control::Running).0);
     let world = if scenario.bridge.kind.is_hardware() {
-        World::of_hardware(scenario, &control)?.0
+        World::of_hardware(scenario, None, &control)?.0
     } else {
         let faults = InjectedFaults::new(&scenario.controller);
         World::of_plant(scenario, Plan::of(scenario)?.plant(scenario)?, &control, &faults)?.0
@@ -110,7 +110,7 @@ pub(crate) fn weigh_tool(
     let weighed = weigh(&samples, &config.cell.arms[arm].sensor.flange_from_sensor);
     let weighed = weighed.map_err(|why| Error::NonFatal {
         actor: "weigh".into(),
-        place: "weigh",
+        place: "weigh".into(),
         cause: NonFatal::NoReading(why.to_string()),
     })?;
     Ok((weighed, samples.len()))
@@ -304,7 +304,7 @@ impl Scale {
             let (taken, of) = (mean.taken(), PATIENCE * count);
             let silent = format!("the force sensor gave {taken} readings in {of} periods");
             let cause = NonFatal::NoReading(silent);
-            return Err(Error::NonFatal { actor: "weigh".into(), place: "listen", cause });
+            return Err(Error::NonFatal { actor: "weigh".into(), place: "listen".into(), cause });
         }
         let joints = self.check(arm)?.joints;
         Ok(Sample {
@@ -316,12 +316,16 @@ impl Scale {
 
 /// Returns the fatal error of a weighing.
 fn fatal(cause: Fatal) -> Error {
-    Error::Fatal { actor: "weigh".into(), place: "servo", cause, last: None }
+    Error::Fatal { actor: "weigh".into(), place: "servo".into(), cause, last: None }
 }
 
 /// Returns the non-fatal error of a weighing whose arm refused a command.
 fn refuse(refused: MoveRefused) -> Error {
-    Error::NonFatal { actor: "weigh".into(), place: "move", cause: NonFatal::Refused(refused) }
+    Error::NonFatal {
+        actor: "weigh".into(),
+        place: "move".into(),
+        cause: NonFatal::Refused(refused),
+    }
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use super::disturbance::{CameraFaults, Disturbance, InjectedFaults};
 use super::failure::not_created;
 use super::world_file::Kept;
 use crate::actors::control::Control;
-use crate::cell::Cell;
+use crate::cell::Arm;
 use crate::error::Error;
 use crate::hw::camera::{Frame, FrameSource, NoFrame};
 use crate::hw::devices::{Devices, NAME_DEVICES, NoDevice};
@@ -195,7 +195,7 @@ impl World {
     ) -> Result<(Self, Sources), Error> {
         let disturbances = super::simulation::faults(scenario).1;
         let mut scenes = Vec::new();
-        let cameras = cameras(&scenario.controller, |index| {
+        let cameras = cameras(&scenario.controller, None, |index| {
             // The camera renders when its sensor asks, from the last scene that was written.
             let (input, output) = triple_buffer::triple_buffer(&plant.scene());
             scenes.push(input);
@@ -236,13 +236,15 @@ impl World {
         Ok((world, Sources { cameras, models }))
     }
 
-    /// Creates the world of the hardware that the scenario's file of devices names.
+    /// Creates the world of the hardware of a node, which the scenario's file of devices names:
+    /// of MP's node if `node` is `None`.
     ///
     /// # Errors
     /// If a device is missing or cannot be opened, or a jaw's controller would stop at the
     /// scenario's grip.
     pub(super) fn of_hardware(
         scenario: &Scenario,
+        node: Option<&str>,
         control: &Arc<watch::Sender<Control>>,
     ) -> Result<(Self, Sources, BridgeNotes), Error> {
         let bridge = &scenario.bridge;
@@ -255,11 +257,13 @@ impl World {
         // A jaw whose controller stops at the ordered grip would drop the cube: refused before any
         // line is open.
         let cards = bridge.kind == BridgeKind::Isa;
-        devices.check_grip(&config.cell.arms, config.control.grip, cards).map_err(failed)?;
+        let here = config.network.servos_of(node, config.cell.arms.len());
+        let arms: Vec<_> = here.iter().map(|&arm| config.cell.arms[arm].clone()).collect();
+        devices.check_grip(&arms, config.control.grip, cards).map_err(failed)?;
         let (to, noted) = notes();
         let rules = Rules { misses: bridge.missed_answers, ..Rules::default() };
-        let port = port(bridge.kind, &devices, &config.cell, rules, to).map_err(failed)?;
-        let cameras = cameras(config, |index| {
+        let port = port(bridge.kind, &devices, &arms, rules, to).map_err(failed)?;
+        let cameras = cameras(config, node, |index| {
             let name = &config.cell.cameras[index].name;
             let device = devices.of_camera(name).map_err(failed)?;
             let camera = SocketCamera::connect(name, &device.socket)
@@ -477,16 +481,23 @@ fn cut(kept: Option<&Kept>, plant: &Plant) -> ! {
     unreachable!("the process survived SIGKILL: {killed:?}");
 }
 
-/// Opens a frame source for each camera: image files if the scenario names a folder, otherwise what
-/// `of_world` creates for the camera's index.
+/// Opens a frame source for each camera of a node, of MP's node if `node` is `None`: image files if
+/// the scenario names a folder, otherwise what `of_world` creates for the camera's index.
 ///
 /// # Errors
 /// If a folder or a camera cannot be opened.
 fn cameras(
     config: &ControllerConfig,
+    node: Option<&str>,
     mut of_world: impl FnMut(usize) -> Result<Box<dyn FrameSource>, Error>,
 ) -> Result<Cameras, Error> {
+    // A camera without a VSP is on MP's node, where a missing device is reported.
+    let is_here = |camera: usize| {
+        let vsp = config.vsps.iter().position(|vsp| vsp.camera == Some(camera));
+        vsp.map_or(node.is_none(), |vsp| config.network.has_vsp(node, vsp))
+    };
     let source = |(index, source): (usize, &CameraSource)| match source {
+        _ if !is_here(index) => Ok(None),
         CameraSource::Renderer => of_world(index).map(Some),
         CameraSource::Folder(folder) => {
             FolderCamera::open(&config.cell.cameras[index].name, folder)
@@ -501,14 +512,14 @@ fn cameras(
 fn port(
     kind: BridgeKind,
     devices: &Devices,
-    cell: &Cell,
+    arms: &[Arm],
     rules: Rules,
     notes: Notes,
 ) -> Result<Box<dyn Port>, NoDevice> {
     match kind {
-        BridgeKind::Isa => devices.isa(&cell.arms, notes),
+        BridgeKind::Isa => devices.isa(arms, notes),
         BridgeKind::Serial | BridgeKind::Plant | BridgeKind::Wire => {
-            devices.serial(&cell.arms, rules, notes).map(|port| Box::new(port) as Box<dyn Port>)
+            devices.serial(arms, rules, notes).map(|port| Box::new(port) as Box<dyn Port>)
         }
     }
 }

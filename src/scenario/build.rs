@@ -49,7 +49,7 @@ pub(super) fn scenario(
     let sources = sources(&draft.cameras, folder, reader);
     let vsps = vsps(&draft, catalogue, reader);
     check::owners(&draft, &vsps, reader);
-    let network = nodes::network(&draft, &vsps, reader);
+    let network = nodes::network(&draft, &vsps, folder, reader);
     let cube_state = cube_state(&root.cube.state, reader);
     let task = check::task(&root.task, catalogue, reader);
     check::force_sign(&root.control, reader);

@@ -3,6 +3,7 @@
 use super::section::section;
 use crate::motion::PERIOD;
 use crate::net::LinkModel;
+use std::path::PathBuf;
 
 section! {
     /// Other node than that of MP, with the actors that run there.
@@ -12,11 +13,15 @@ section! {
         /// Actors of the node: "edp ARM", "ecp ARM", or "vsp NAME" of a camera; all others are on
         /// MP's node.
         actors: Vec<String> = Vec::new();
+        /// Endpoint at which the node listens for MP's node on the wall clock: a protocol, `tcp` or
+        /// `tls`, a host and a port, such as "tcp/127.0.0.1:7447".
+        endpoint: String = String::new();
     }
 }
 
 section! {
-    /// Link between MP's node and each other node, on the virtual clock.
+    /// Link between MP's node and each other one: its model on the virtual clock. On the wall clock
+    /// these times are bounds that the controller relies on.
     pub LinkKeys {
         /// Shortest time of a message on its way.
         delay [ms]: f64 = 0.2, 0.0..=1000.0;
@@ -26,6 +31,11 @@ section! {
         loss: f64 = 0.0, 0.0..=0.2;
         /// Time after which a lost message is sent again.
         resend [ms]: f64 = 20.0, 1.0..=10000.0;
+        /// File of zenoh's own settings for the wall clock, such as certificates and access rules,
+        /// relative to the scenario's folder.
+        settings: Option<String> = None;
+        /// Whether links without encryption (`tcp`) may lead to other hosts.
+        plain: bool = false;
     }
 }
 
@@ -34,6 +44,8 @@ section! {
 pub struct NodeConfig {
     /// Name of the node.
     pub name: String,
+    /// Endpoint at which the node listens on the wall clock; empty on the virtual clock.
+    pub endpoint: String,
     /// Indices of the effectors whose EDPs run there.
     pub edps: Vec<usize>,
     /// Indices of the effectors whose ECPs run there, beside their EDPs.
@@ -46,7 +58,7 @@ impl LinkKeys {
     /// Returns the model of the link.
     #[must_use]
     pub fn model(&self) -> LinkModel {
-        let Self { delay, jitter, loss, resend } = *self;
+        let Self { delay, jitter, loss, resend, .. } = *self;
         LinkModel { delay, jitter, loss, resend }
     }
 }
@@ -58,6 +70,11 @@ pub struct Network {
     pub nodes: Vec<NodeConfig>,
     /// Model of the link.
     pub link: LinkModel,
+    /// File of zenoh's own settings.
+    pub settings: Option<PathBuf>,
+    /// Whether the nodes are processes on the wall clock. On the virtual clock the link is a model,
+    /// and all actors are in one process.
+    pub is_real: bool,
 }
 
 /// Difference between the macrostep of an EDP that is not beside its ECP and the time of a request
@@ -68,6 +85,25 @@ const MARGIN: u32 = 3;
 const BEGINS: u64 = 4;
 
 impl Network {
+    /// Returns the indices of those of `effectors` effectors whose servos run in a process: that of
+    /// the node `node`, or of MP's node if it is `None`.
+    #[must_use]
+    pub fn servos_of(&self, node: Option<&str>, effectors: usize) -> Vec<usize> {
+        let here = |effector: &usize| {
+            let of = self.nodes.iter().find(|node| node.edps.contains(effector));
+            of.filter(|_| self.is_real).map(|node| node.name.as_str()) == node
+        };
+        (0..effectors).filter(here).collect()
+    }
+
+    /// Returns whether the VSP with this index runs in the process of the node `node`, or of MP's
+    /// node if it is `None`.
+    #[must_use]
+    pub fn has_vsp(&self, node: Option<&str>, vsp: usize) -> bool {
+        let of = self.nodes.iter().find(|node| node.vsps.contains(&vsp));
+        of.filter(|_| self.is_real).map(|node| node.name.as_str()) == node
+    }
+
     /// Returns the number of servo periods by which the EDP of an effector answers earlier: the
     /// time of a request of its ECP and of the answer, each of which may be lost once. It is 0 for
     /// an ECP on the node of its EDP.

@@ -12,17 +12,24 @@ use super::lists::{Effector, VspKind};
 use super::node_keys::{Network, NodeConfig, NodeKeys};
 use super::section::Reader;
 use crate::motion::PERIOD;
+use std::net::IpAddr;
+use std::path::Path;
 
 /// Longest macrostep (periods).
 const LONGEST: u32 = 100;
 
 /// Builds the nodes of a draft, and checks them: each actor exists and is on one node, beside those
 /// that it needs there, and no macrostep becomes too long.
-pub(super) fn network(draft: &Draft, vsps: &[Option<VspConfig>], reader: &mut Reader) -> Network {
+pub(super) fn network(
+    draft: &Draft,
+    vsps: &[Option<VspConfig>],
+    folder: &Path,
+    reader: &mut Reader,
+) -> Network {
     let mut nodes: Vec<NodeConfig> = Vec::new();
     for (path, keys) in &draft.nodes {
-        let mut node =
-            NodeConfig { name: keys.name.clone(), edps: vec![], ecps: vec![], vsps: vec![] };
+        let (name, endpoint) = (keys.name.clone(), keys.endpoint.clone());
+        let mut node = NodeConfig { name, endpoint, edps: vec![], ecps: vec![], vsps: vec![] };
         if keys.actors.is_empty() {
             reader.fault(path, format!("`{path}.actors` is empty: name the actors of this node"));
         }
@@ -53,7 +60,13 @@ pub(super) fn network(draft: &Draft, vsps: &[Option<VspConfig>], reader: &mut Re
         }
     }
     limits(draft, &nodes, reader);
-    let network = Network { nodes, link: draft.root.link.model() };
+    let is_real = draft.root.pace == Pace::RealTime && !nodes.is_empty();
+    if is_real {
+        real(draft, &nodes, reader);
+    }
+    let link = &draft.root.link;
+    let settings = link.settings.as_ref().map(|file| folder.join(file));
+    let network = Network { nodes, link: link.model(), settings, is_real };
     let longest = (0..draft.effectors.len()).map(|i| network.least_macrostep(i)).max();
     if let Some(longest) = longest.filter(|longest| *longest > LONGEST) {
         let reason = format!(
@@ -87,10 +100,6 @@ fn apart(node: &NodeConfig, effectors: &[Effector], vsps: &[Option<VspConfig>]) 
 /// Checks clock and coordination of a scenario with nodes.
 fn limits(draft: &Draft, nodes: &[NodeConfig], reader: &mut Reader) {
     let root = &draft.root;
-    if !nodes.is_empty() && root.pace != Pace::Virtual {
-        let reason = "`pace`: nodes need \"virtual\": their link is a model on the virtual clock";
-        reader.fault("pace", reason);
-    }
     let remote = nodes.iter().any(|node| !node.edps.is_empty());
     if !nodes.is_empty() && root.real_time.period != PERIOD {
         let reason = "`real_time.period_ms`: nodes need servo periods of 2 ms";
@@ -100,6 +109,49 @@ fn limits(draft: &Draft, nodes: &[NodeConfig], reader: &mut Reader) {
         let reason = "`coordination`: an EDP on another node cannot keep step with the others, as \
                       \"continuous\" needs it";
         reader.fault("coordination", reason);
+    }
+}
+
+/// Checks nodes on the wall clock: they are processes with hardware, each at an endpoint.
+fn real(draft: &Draft, nodes: &[NodeConfig], reader: &mut Reader) {
+    if !draft.root.bridge.kind.is_hardware() {
+        let reason = "`bridge.kind`: nodes on the wall clock need \"serial\" or \"isa\", hardware \
+                      which `rubik-robot emulate` stands in for; a simulated plant needs `pace` \
+                      \"virtual\"";
+        reader.fault("bridge.kind", reason);
+    }
+    for ((path, _), node) in draft.nodes.iter().zip(nodes) {
+        if let Err(why) = endpoint(&node.endpoint, draft.root.link.plain) {
+            let at = format!("{path}.endpoint");
+            reader.fault(&at, format!("`{at}`: {why}"));
+        }
+        if let Some(&alone) = node.edps.iter().find(|edp| !node.ecps.contains(edp)) {
+            let (at, arm) = (format!("{path}.actors"), &draft.effectors[alone].name);
+            let reason = format!(
+                "`{at}`: on the wall clock \"edp {arm}\" needs \"ecp {arm}\" on the same node: its \
+                 macrosteps would cross the network"
+            );
+            reader.fault(&at, reason);
+        }
+    }
+}
+
+/// Checks the endpoint of a node. One without encryption may leave the host only if `plain` is set.
+fn endpoint(endpoint: &str, plain: bool) -> Result<(), String> {
+    let form = || "must be like \"tcp/127.0.0.1:7447\" or \"tls/HOST:PORT\"".to_owned();
+    let (protocol, address) = endpoint.split_once('/').ok_or_else(form)?;
+    let (host, port) = address.rsplit_once(':').ok_or_else(form)?;
+    port.parse::<u16>().ok().filter(|port| *port > 0 && !host.is_empty()).ok_or_else(form)?;
+    let bare = host.trim_start_matches('[').trim_end_matches(']');
+    let is_loopback = bare.parse::<IpAddr>().is_ok_and(|address| address.is_loopback());
+    match protocol {
+        "tls" => Ok(()),
+        "tcp" if plain || is_loopback || host == "localhost" => Ok(()),
+        "tcp" => Err("a link without encryption to another host lets anyone on the network move \
+                      the arms: use \"tls/\" with certificates (`link.settings`), or allow it by \
+                      `link.plain`"
+            .to_owned()),
+        _ => Err(form()),
     }
 }
 
@@ -224,7 +276,6 @@ mod tests {
             ),
             (NODE.to_owned(), "is empty"),
             (format!("{NODE}actors = [\"vsp mpc\", \"vsp mpc\"]\n"), "on the node \"b\" already"),
-            (format!("pace = \"real-time\"\n{NODE}actors = [\"vsp mpc\"]\n"), "need \"virtual\""),
             (
                 format!("{NODE}actors = [\"vsp mpc\"]\n[real_time]\nperiod_ms = 1\n"),
                 "nodes need servo periods of 2 ms",
@@ -241,6 +292,51 @@ mod tests {
             let message = faults(&text);
             assert!(message.contains(found), "{text}\n{message}");
         }
+    }
+
+    /// On the wall clock a node is a process with hardware, at an endpoint that only the own host
+    /// reaches without encryption.
+    #[test]
+    fn node_on_wall_clock_needs_endpoint_and_hardware() {
+        let serial = "pace = \"real-time\"\n[bridge]\nkind = \"serial\"\n";
+        let read = |actors: &str, endpoint: &str, more: &str| {
+            faults(&format!("{serial}{NODE}actors = [{actors}]\nendpoint = \"{endpoint}\"\n{more}"))
+        };
+        let vsp = "\"vsp mpc\"";
+        for good in ["tcp/127.0.0.1:7447", "tcp/localhost:1", "tcp/[::1]:7447", "tls/robot-b:7447"]
+        {
+            assert_eq!(read(vsp, good, ""), "", "{good}");
+        }
+        for wrong in ["", "tcp/", "tcp/127.0.0.1", "tcp/127.0.0.1:0", "tcp/:7447", "udp/[::1]:7"] {
+            assert!(read(vsp, wrong, "").contains("must be like"), "{wrong}");
+        }
+        for away in ["tcp/192.0.2.7:7447", "tcp/0.0.0.0:7447", "tcp/robot-b:7447"] {
+            assert!(read(vsp, away, "").contains("without encryption"), "{away}");
+            assert_eq!(read(vsp, away, "[link]\nplain = true\n"), "", "{away}");
+        }
+        let edp = read("\"edp postument\"", "tcp/127.0.0.1:7447", "");
+        assert!(edp.contains("needs \"ecp postument\" on the same node"), "{edp}");
+        let simulated = faults(&format!("pace = \"real-time\"\n{NODE}actors = [{vsp}]\n"));
+        assert!(simulated.contains("need hardware"), "{simulated}");
+    }
+
+    #[test]
+    fn servos_belong_to_processes_on_wall_clock_only() {
+        let node = format!(
+            "{NODE}actors = [\"edp postument\", \"ecp postument\", \"vsp gs2\"]\n\
+             endpoint = \"tcp/[::1]:7447\"\n"
+        );
+        let network = |text: &str| read(Path::new("t.toml"), text, &[]).unwrap().controller.network;
+        let virtual_clock = network(&node);
+        let serial = "pace = \"real-time\"\n[bridge]\nkind = \"serial\"\n";
+        let wall_clock = network(&format!("{serial}{node}"));
+
+        assert_eq!(virtual_clock.servos_of(None, 2), [0, 1]);
+        assert_eq!(wall_clock.servos_of(None, 2), [0]);
+        assert_eq!(wall_clock.servos_of(Some("b"), 2), [1]);
+        let gs2 = wall_clock.nodes[0].vsps[0];
+        let here = [None, Some("b")].map(|node| wall_clock.has_vsp(node, gs2));
+        assert_eq!((here, virtual_clock.has_vsp(None, gs2)), ([false, true], true));
     }
 
     #[test]

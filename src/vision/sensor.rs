@@ -31,9 +31,10 @@ use super::{DetectorSettings, FaceSighting, Rect, Refusal, colours, detect};
 use crate::spatial::Pose;
 use image::RgbImage;
 use nalgebra::{Point3, Translation3};
+use serde::{Deserialize, Serialize};
 
 /// A face read at a predicted place.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FaceReading {
     /// Mean colour of each tile in the predicted face's reading order, 0..=255, as in the image.
     pub rgb: [[f64; 3]; 9],

@@ -152,6 +152,17 @@ pub enum Mount {
     },
 }
 
+impl Mount {
+    /// Returns the index of the arm that carries the camera; `None` for one fixed in the cell.
+    #[must_use]
+    pub fn arm(&self) -> Option<usize> {
+        match self {
+            Self::World { .. } => None,
+            Self::Flange { arm, .. } => Some(*arm),
+        }
+    }
+}
+
 /// Pinhole camera with two coefficients of radial distortion. The image coordinates (0, 0) are the
 /// centre of the first pixel, not its corner.
 #[derive(Debug, Clone, Copy, PartialEq)]

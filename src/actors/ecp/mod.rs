@@ -51,7 +51,7 @@ type Reply<T> = oneshot::Sender<Result<T, Error>>;
 
 /// A request of MP to its ECP.
 #[derive(Debug)]
-enum Request {
+pub(super) enum Request {
     Transmit { command: MoveCommand, reply: Reply<ArmState> },
     Behave { behaviour: Behaviour, begins: u64, reply: Reply<(Outcome, ArmState)> },
     End(Ending),
@@ -129,6 +129,17 @@ impl EcpHandle {
         });
         let patience = self.patience + way.longest_trip() + BEAT;
         Self { alive, patience, way: Some(way.clone()), ..self }
+    }
+
+    /// Passes on a request that came over a link. An ECP that has ended drops it, and with it the
+    /// channel of its answer.
+    pub(super) async fn pass(&self, request: Request) {
+        let _ = self.mailbox.send(request).await;
+    }
+
+    /// Returns the number of signs of life of the ECP.
+    pub(super) fn signs_of_life(&self) -> u64 {
+        self.alive.load(Ordering::Relaxed)
     }
 
     /// Ends the behaviour that the ECP is carrying out: at the next macrostep, or some macrosteps
@@ -212,7 +223,11 @@ impl EcpHandle {
 
     /// Makes the error for a request to an ECP that has ended; `place` names the request.
     fn closed(&self, place: &'static str) -> Error {
-        Error::System { actor: self.name.clone(), place, cause: System::Closed(self.name.clone()) }
+        Error::System {
+            actor: self.name.clone(),
+            place: place.into(),
+            cause: System::Closed(self.name.clone()),
+        }
     }
 
     /// Sends a request without an answer to the ECP; `place` names it in the error.
@@ -253,7 +268,7 @@ impl EcpHandle {
             if silent >= 2 && !matches!(place, "synchronise" | "look") {
                 let seconds = self.patience.as_secs_f64();
                 let cause = System::Silent { who: self.name.clone(), seconds };
-                return Err(Error::System { actor: self.name.clone(), place, cause });
+                return Err(Error::System { actor: self.name.clone(), place: place.into(), cause });
             }
             last = now;
         }
@@ -305,14 +320,8 @@ pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
     let name = format!("ecp {name}");
     let Supervision { watchdog, fault, patience } = parts.services.supervision.clone();
     let alive = Arc::default();
-    // Between two signs of life the EDP answers a command, at the latest after two macrosteps and
-    // its patience. The second patience lets the EDP's own limit report first.
-    let macrostep = f64::from(parts.manner.compliance.macrostep) * PERIOD;
-    let lag = Duration::from_secs_f64(parts.lag as f64 * PERIOD);
-    let patience = lag
-        + Duration::from_secs_f64(2.0 * macrostep)
-        + patience
-        + parts.edp.patience().max(patience);
+    let macrostep = parts.manner.compliance.macrostep;
+    let patience = silence(macrostep, parts.lag, patience) + parts.edp.patience().max(patience);
     let beginning = (parts.services.clock.clone(), parts.lag);
     let ecp = Ecp {
         name: name.clone(),
@@ -327,6 +336,30 @@ pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
     let span = tracing::info_span!("ecp", name = ecp.name);
     watchdog.spawn(&name, ecp.run().instrument(span));
     EcpHandle { name, mailbox, alive, patience, beginning, way: None }
+}
+
+/// Returns the longest time between two signs of life of an ECP in order, less the time in which
+/// its EDP answers. `macrostep` and `lag`, the time before a motion begins, are in periods.
+///
+/// Between two signs of life the EDP answers a command, at the latest after two macrosteps and its
+/// patience. The additional `patience` lets the EDP's own limit report first.
+pub(crate) fn silence(macrostep: u32, lag: u64, patience: Duration) -> Duration {
+    let periods = lag + 2 * u64::from(macrostep);
+    Duration::from_secs_f64(periods as f64 * PERIOD) + patience
+}
+
+/// Makes the handle of an ECP on another node, and the receiving end of its mailbox. `alive` counts
+/// its signs of life, which come within `patience`; `beginning` is the clock of this node, with the
+/// time between the order of a motion and its beginning (periods).
+pub(super) fn remote(
+    arm: &str,
+    alive: Arc<AtomicU64>,
+    patience: Duration,
+    beginning: (Clock, u64),
+) -> (EcpHandle, mpsc::Receiver<Request>) {
+    let (mailbox, requests) = mpsc::channel(MAILBOX);
+    let name = format!("ecp {arm}");
+    (EcpHandle { name, mailbox, alive, patience, beginning, way: None }, requests)
 }
 
 impl Ecp {
@@ -422,7 +455,7 @@ impl Ecp {
     ) -> Result<(Outcome, ArmState), Error> {
         let mut motion =
             MoveInstruction::begin(behaviour, &self.parts.manner, &state).map_err(|cause| {
-                Error::NonFatal { actor: self.name.clone(), place: "begin a motion", cause }
+                Error::NonFatal { actor: self.name.clone(), place: "begin a motion".into(), cause }
             })?;
         loop {
             // A pause has brought the motion to rest. The EDP is still asked for the state, since
@@ -499,7 +532,7 @@ impl Ecp {
             Some(camera) => camera.look(view).await,
             None => Err(Error::NonFatal {
                 actor: self.name.clone(),
-                place: "look",
+                place: "look".into(),
                 cause: NonFatal::NoReading("no camera in this hand belongs to this ECP".into()),
             }),
         }

@@ -2,10 +2,11 @@
 
 use crate::kernel::Message;
 use crate::spatial::Pose;
+use serde::{Deserialize, Serialize};
 use tokio::sync::mpsc;
 
 /// Message of a programme, with what MP must know of its effector.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Message for the kernel of MP.
     pub message: Message,

@@ -56,7 +56,7 @@ impl Ecp {
             Ok(kernel) => kernel,
             Err(why) => {
                 let (actor, cause) = (self.name.clone(), NonFatal::Arguments(why));
-                let _ = reply.send(Err(Error::NonFatal { actor, place: "start", cause }));
+                let _ = reply.send(Err(Error::NonFatal { actor, place: "start".into(), cause }));
                 return;
             }
         };
@@ -148,7 +148,7 @@ impl Ecp {
         if let Some(surroundings) = &self.parts.surroundings {
             let manner = &self.parts.manner;
             surroundings.admit(&mut order, manner, (&arm, self.tool)).map_err(|cause| {
-                Error::NonFatal { actor: self.name.clone(), place: "check a path", cause }
+                Error::NonFatal { actor: self.name.clone(), place: "check a path".into(), cause }
             })?;
         }
         let (outcome, _) = self.behave_from(&order, arm, 0).await?;

@@ -90,7 +90,7 @@ impl Mp {
                 let why = format!("MP itself can only home an arm or turn a motor, not {other:?}");
                 let cause = NonFatal::Arguments(why);
                 let actor = "mp".into();
-                return Err(Stop::Error(Error::NonFatal { actor, place: "manual", cause }));
+                return Err(Stop::Error(Error::NonFatal { actor, place: "manual".into(), cause }));
             }
         }
         self.refresh().await?;

@@ -385,7 +385,8 @@ impl Mp {
                 let worker = ("the planner", SEARCH);
                 let thinks = move || thought.think();
                 let conclusion = self.parts.services.work.run(worker, thinks).await;
-                let failed = |cause| Error::System { actor: "mp".into(), place: "think", cause };
+                let failed =
+                    |cause| Error::System { actor: "mp".into(), place: "think".into(), cause };
                 Ok(Event::Thought(conclusion.map_err(failed)?))
             }
             Action::Start { effector, programme } => {
@@ -447,7 +448,7 @@ impl Mp {
         };
         if let Err(near) = self.guard_orders(&mut orders, &forecasts) {
             let cause = NonFatal::Arguments(near.to_string());
-            let error = Error::NonFatal { actor: "mp".into(), place: "check a path", cause };
+            let error = Error::NonFatal { actor: "mp".into(), place: "check a path".into(), cause };
             // A refused path is no fault: the kernel may choose another one.
             return self.error_event(error).await;
         }
@@ -550,7 +551,7 @@ impl Mp {
         if self.programmes.busy([effector].into_iter()).is_some() {
             let why = format!("effector {effector} carries out a programme, which may adjust it");
             let cause = NonFatal::Arguments(why);
-            return Err(Error::NonFatal { actor: "mp".into(), place: "adjust", cause });
+            return Err(Error::NonFatal { actor: "mp".into(), place: "adjust".into(), cause });
         }
         match self.heartbeat.away(ecp.adjust(adjustment)).await {
             // The arm stays stopped, as since the end of its programme: the task decides.
@@ -584,7 +585,7 @@ impl Mp {
     fn ecp(&self, effector: usize) -> Result<&EcpHandle, Error> {
         self.parts.ecps.get(effector).ok_or_else(|| Error::NonFatal {
             actor: "mp".into(),
-            place: "address an effector",
+            place: "address an effector".into(),
             cause: NonFatal::Arguments(format!("there is no effector {effector}")),
         })
     }
@@ -626,18 +627,18 @@ impl Mp {
 /// Returns the fatal error for a kernel that cannot continue its task for the reason `why`.
 fn defect(why: String) -> Error {
     let cause = Fatal::Kernel(why);
-    Error::Fatal { actor: "mp".into(), place: "resume the task", cause, last: None }
+    Error::Fatal { actor: "mp".into(), place: "resume the task".into(), cause, last: None }
 }
 
 /// Returns the error for a motion that cannot begin.
 fn refused(cause: NonFatal) -> Error {
-    Error::NonFatal { actor: "mp".into(), place: "begin a motion", cause }
+    Error::NonFatal { actor: "mp".into(), place: "begin a motion".into(), cause }
 }
 
 /// Returns the error for a part of the run, `who`, that no longer exists; `place` names the work in
 /// which MP needed it.
 fn system(place: &'static str, who: &str) -> Error {
-    Error::System { actor: "mp".into(), place, cause: System::Closed(who.into()) }
+    Error::System { actor: "mp".into(), place: place.into(), cause: System::Closed(who.into()) }
 }
 
 /// Returns the text that the user interfaces show while MP carries out an action.
@@ -825,7 +826,7 @@ mod tests {
         let (meeting, along) = meeting();
         let mut mp = standing(guard(), [arm(along(-0.4)), arm(meeting.postument)]);
         let cause = NonFatal::Arguments("too near".into());
-        let refused = Error::NonFatal { actor: "mp".into(), place: "check a path", cause };
+        let refused = Error::NonFatal { actor: "mp".into(), place: "check a path".into(), cause };
 
         // The servo is gone. A task that continued would end with the refusal instead.
         let event = mp.error_event::<()>(refused).await;

@@ -79,5 +79,9 @@ impl Mp {
 
 /// Returns the error for a request about programmes that MP cannot carry out.
 fn refused(why: String) -> Error {
-    Error::NonFatal { actor: "mp".into(), place: "programme", cause: NonFatal::Arguments(why) }
+    Error::NonFatal {
+        actor: "mp".into(),
+        place: "programme".into(),
+        cause: NonFatal::Arguments(why),
+    }
 }

@@ -603,7 +603,7 @@ mod tests {
         latest.lock().arms[1].state.fault = Some(fault);
         let error = crate::error::Error::Fatal {
             actor: "edp postument".into(),
-            place: "execute",
+            place: "execute".into(),
             cause: crate::error::Fatal::Arm(fault),
             last: None,
         };

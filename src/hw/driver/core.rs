@@ -37,6 +37,8 @@ pub struct Switches {
     /// Heartbeats of the actors. The servo watches them from the first one on: it brakes the arms
     /// after [`HEARTBEAT_TIMEOUT`] of silence and trips them after 1 s.
     pub beats: AtomicU64,
+    /// Whether a fault has stopped an arm; it stays set.
+    stopped: AtomicBool,
     /// Lateness of a wall driver while it runs.
     pub punctual: Punctual,
 }
@@ -46,6 +48,18 @@ impl Switches {
     #[must_use]
     pub fn new(emergency: StopSignal) -> Self {
         Self { emergency, ..Self::default() }
+    }
+
+    /// Sets the flag of a stopped arm, for tests.
+    #[cfg(test)]
+    pub(crate) fn stop_for_test(&self) {
+        self.stopped.store(true, Ordering::Release);
+    }
+
+    /// Returns whether a fault has stopped an arm.
+    #[must_use]
+    pub fn has_stopped(&self) -> bool {
+        self.stopped.load(Ordering::Acquire)
     }
 }
 
@@ -95,6 +109,8 @@ impl Punctual {
 /// The servos of all arms with their inputs and outputs of one period.
 pub struct Core {
     servos: Vec<ArmServo>,
+    /// Index of the effector of each arm.
+    effectors: Vec<u8>,
     ends: Vec<ServoEnd>,
     readings: Vec<ArmReading>,
     drives: Vec<ArmDrive>,
@@ -149,8 +165,10 @@ impl Core {
             .zip(&readings)
             .map(|(config, r)| ArmServo::new(config, r))
             .collect();
+        let effectors = (0..commands.len()).map(|arm| arm as u8).collect();
         Ok(Self {
             servos,
+            effectors,
             ends,
             readings,
             drives,
@@ -163,6 +181,15 @@ impl Core {
             stopping: None,
             length,
         })
+    }
+
+    /// Sets the indices of the effectors, for the records. Without it the arms are effectors 0, 1
+    /// and so on; a node that has only some of them names these.
+    #[must_use]
+    pub fn of_effectors(mut self, effectors: &[usize]) -> Self {
+        debug_assert_eq!(effectors.len(), self.servos.len(), "one index for each arm");
+        self.effectors = effectors.iter().map(|&effector| effector as u8).collect();
+        self
     }
 
     /// Computes period `period` and exchanges its drive commands with the port in the same thread.
@@ -205,9 +232,12 @@ impl Core {
             // A reset must not undo the stop while the button is still pressed.
             let command = self.commands[arm].filter(|c| !(pressed && *c == ServoCommand::Reset));
             let (drive, state) = servo.step(period, &reading, command.as_ref());
+            if state.fault.is_some() {
+                self.switches.stopped.store(true, Ordering::Release);
+            }
             self.drives[arm] = drive;
             self.ends[arm].publish(&state);
-            let arm = arm as u8;
+            let arm = self.effectors[arm];
             let record = ServoRecord { period, arm, reading, outside, command, drive, state };
             self.records.record(&record);
         }

@@ -1,0 +1,429 @@
+//! MP's end of the link to another node.
+//!
+//! Each actor of the node has a task here that takes its requests from a mailbox, as the actor
+//! itself does, and sends them over the link. The answers come back under the numbers of the
+//! requests.
+
+use super::SILENT;
+use super::line::{Receiver, Sender};
+use super::message::{
+    Answer, Ask, EcpAsk, EdpAsk, HomeBeat, Introduction, NodeBeat, Tell, ToHome, ToNode,
+};
+use crate::actors::clock::Clock;
+use crate::actors::control::Control;
+use crate::actors::ecp::{self, EcpHandle, Report};
+use crate::actors::edp::{self, EdpHandle};
+use crate::actors::latest::LatestValues;
+use crate::actors::services::Services;
+use crate::actors::vsp::{self, VspHandle};
+use crate::actors::watchdog::{Watchdog, silent_node};
+use crate::actors::way::BEAT;
+use crate::error::{Error, System};
+use crate::generators::{Outcome, Target};
+use crate::hw::driver::Switches;
+use crate::motion::ArmState;
+use crate::vision::sensor::FaceReading;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::sync::{mpsc, oneshot, watch};
+use tokio::time::Instant;
+
+/// Time between two requests to join.
+const AGAIN: Duration = Duration::from_millis(500);
+
+/// Longest time in which a node switches its drives off.
+const LEAVES: Duration = Duration::from_secs(3);
+
+/// Result of joining: the effectors of the node, each with whether its arm is synchronised.
+pub(crate) type Joined = Vec<(usize, bool)>;
+
+/// MP's end of the link to a node. All clones are the same end.
+#[derive(Debug, Clone)]
+pub(crate) struct Home {
+    name: String,
+    sender: Sender<ToNode>,
+    /// Longest time of a request and its answer on their way.
+    trip: Duration,
+    desk: Arc<Mutex<Desk>>,
+    /// Whether the node has ended its part of the run.
+    ended: Arc<watch::Sender<bool>>,
+}
+
+/// Places to which the messages of the node go.
+#[derive(Debug, Default)]
+struct Desk {
+    /// Number of the next request, and those whose answers have not come.
+    next: u64,
+    asked: BTreeMap<u64, Waiting>,
+    alive: BTreeMap<usize, Arc<AtomicU64>>,
+    states: BTreeMap<usize, watch::Sender<ArmState>>,
+    targets: BTreeMap<usize, watch::Sender<Option<Target>>>,
+    to_mp: BTreeMap<usize, mpsc::UnboundedSender<Report>>,
+    /// Whether the node's part of the run was ended.
+    dismissed: bool,
+    /// Last beat of the node, and the time of its arrival.
+    beat: Option<(u64, Instant)>,
+}
+
+/// Channel of an answer.
+type Reply<T> = oneshot::Sender<Result<T, Error>>;
+
+/// Channel of an answer that has not come.
+#[derive(Debug)]
+enum Waiting {
+    State(Reply<ArmState>),
+    Behaved(Reply<(Outcome, ArmState)>),
+    Face(Reply<FaceReading>),
+    Begun(Reply<()>),
+}
+
+/// Parts of MP's node that a link watches and serves.
+pub(crate) struct Watch {
+    /// Services of the run.
+    pub(crate) services: Services,
+    /// Switches of the servos of MP's node.
+    pub(crate) switches: Arc<Switches>,
+    /// States of the arms that the node does not have itself, by effector.
+    pub(crate) states: Vec<(usize, watch::Receiver<ArmState>)>,
+    /// Longest time of a value on its way.
+    pub(crate) way: Duration,
+}
+
+impl Waiting {
+    /// Passes the answer on. Returns whether it is one to this request.
+    fn answer(self, answer: Answer) -> bool {
+        // The actor that has asked may have given up.
+        match (self, answer) {
+            (Self::State(reply), Answer::State(answer)) => drop(reply.send(answer)),
+            (Self::Behaved(reply), Answer::Behaved(answer)) => drop(reply.send(answer)),
+            (Self::Face(reply), Answer::Face(answer)) => drop(reply.send(answer)),
+            (Self::Begun(reply), Answer::Begun(answer)) => drop(reply.send(answer)),
+            _ => return false,
+        }
+        true
+    }
+}
+
+impl Home {
+    /// Makes MP's end of the link to the node `name`. A request and its answer are on their way for
+    /// `trip` at most.
+    pub(crate) fn new(name: &str, sender: Sender<ToNode>, trip: Duration) -> Self {
+        Self { name: name.to_owned(), sender, trip, desk: Arc::default(), ended: Arc::default() }
+    }
+
+    /// Asks the node to take part in a run, until it answers, at most for `limit`. Returns its
+    /// effectors, each with whether its arm is synchronised.
+    ///
+    /// # Errors
+    /// The reason why the node does not take part.
+    pub(crate) async fn join(
+        &self,
+        receiver: &mut Receiver<ToHome>,
+        introduction: &Introduction,
+        limit: Duration,
+    ) -> Result<Joined, String> {
+        let answered = async {
+            loop {
+                self.sender.send(&ToNode::Join(introduction.clone()));
+                match tokio::time::timeout(AGAIN, receiver.recv()).await {
+                    Ok(Some(Ok(ToHome::Joined { run, arms }))) if run == introduction.run => {
+                        return Ok(arms);
+                    }
+                    Ok(Some(Ok(ToHome::Refused { run, why }))) if run == introduction.run => {
+                        return Err(why);
+                    }
+                    Ok(None) => return Err("the link has ended".to_owned()),
+                    // Messages of an earlier run do not count.
+                    Ok(Some(_)) | Err(_) => {}
+                }
+            }
+        };
+        let silent = || format!("no answer in {:.0} s", limit.as_secs_f64());
+        tokio::time::timeout(limit, answered).await.map_err(|_| silent())?
+    }
+
+    /// Starts the exchange with the node: beats, control and states go out, and the node's messages
+    /// come in.
+    pub(crate) fn start(&self, mut receiver: Receiver<ToHome>, watch: Watch) {
+        let Watch { services, switches, states, way } = watch;
+        let Services { clock, control, trace, supervision, .. } = services;
+        self.send_beats(clock, Arc::clone(&switches), supervision.watchdog.clone(), way);
+        self.send_control(control);
+        for (effector, state) in states {
+            self.send_states(effector, state);
+        }
+        let (home, latest) = (self.clone(), trace.latest().cloned());
+        let watchdog = supervision.watchdog.clone();
+        tokio::spawn(async move {
+            while let Some(message) = receiver.recv().await {
+                match message {
+                    Ok(message) => home.take(message, &switches, &watchdog, latest.as_ref()),
+                    Err(why) => watchdog.raise(home.failed(why)),
+                }
+            }
+        });
+    }
+
+    /// Ends the node's part of the run, and waits until its drives are off.
+    pub(crate) async fn leave(&self) {
+        if self.dismiss() {
+            let mut ended = self.ended.subscribe();
+            // A node that is dead does not answer.
+            let _ = tokio::time::timeout(LEAVES, ended.wait_for(|ended| *ended)).await;
+        }
+    }
+
+    /// Sends no beat any more, as a node that is dead.
+    #[cfg(test)]
+    pub(super) fn silence(&self) {
+        self.desk().dismissed = true;
+    }
+
+    /// Ends the node's part of the run. Returns whether it had not been ended before.
+    pub(crate) fn dismiss(&self) -> bool {
+        let is_first = !std::mem::replace(&mut self.desk().dismissed, true);
+        if is_first {
+            self.sender.send(&ToNode::Leave);
+        }
+        is_first
+    }
+
+    /// Returns the handle of an EDP of the node. `patience` is the time of an answer on one node.
+    pub(crate) fn edp(
+        &self,
+        effector: usize,
+        arm: &str,
+        patience: Duration,
+        clock: &Clock,
+    ) -> EdpHandle {
+        let (state, states) = watch::channel(ArmState::default());
+        self.desk().states.insert(effector, state);
+        let (handle, mut requests) = edp::remote(arm, states, patience + self.trip, clock);
+        let home = self.clone();
+        tokio::spawn(async move {
+            while let Some(request) = requests.recv().await {
+                let (ask, reply) = match request {
+                    edp::Request::State { reply } => (EdpAsk::State, reply),
+                    edp::Request::Synchronise { reply } => (EdpAsk::Synchronise, reply),
+                    // Its ECP is beside it: only that one moves and adjusts the arm. The dropped
+                    // channel tells the sender.
+                    edp::Request::Execute { .. }
+                    | edp::Request::Adjust { .. }
+                    | edp::Request::Bias { .. } => continue,
+                };
+                home.ask(Ask::Edp(effector, ask), Waiting::State(reply));
+            }
+        });
+        handle
+    }
+
+    /// Returns the handle of an ECP of the node. `silence` is the longest time between two of its
+    /// signs of life on one node, `beginning` the clock of MP's node with the time between the
+    /// order of a motion and its beginning (periods).
+    pub(crate) fn ecp(
+        &self,
+        effector: usize,
+        arm: &str,
+        silence: Duration,
+        beginning: (Clock, u64),
+    ) -> EcpHandle {
+        let alive = Arc::new(AtomicU64::new(0));
+        self.desk().alive.insert(effector, Arc::clone(&alive));
+        let patience = silence + self.trip + BEAT;
+        let (handle, mut requests) = ecp::remote(arm, alive, patience, beginning);
+        let home = self.clone();
+        tokio::spawn(async move {
+            while let Some(request) = requests.recv().await {
+                home.pass(effector, request);
+            }
+        });
+        handle
+    }
+
+    /// Returns the handle of a VSP of the node.
+    pub(crate) fn vsp(&self, index: usize, name: &str) -> VspHandle {
+        let (target, targets) = watch::channel(None);
+        self.desk().targets.insert(index, target);
+        let (handle, ends) = vsp::remote(name, targets, self.trip);
+        let vsp::Ends { mut looks, mut tracking, mut sensing } = ends;
+        let home = self.clone();
+        tokio::spawn(async move {
+            while let Some(vsp::Look { view, reply }) = looks.recv().await {
+                home.ask(Ask::Look(index, view), Waiting::Face(reply));
+            }
+        });
+        let home = self.clone();
+        tokio::spawn(async move {
+            while tracking.changed().await.is_ok() {
+                home.tell(Tell::Track(index, *tracking.borrow_and_update()));
+            }
+        });
+        let home = self.clone();
+        tokio::spawn(async move {
+            while sensing.changed().await.is_ok() {
+                home.tell(Tell::Sense(index, *sensing.borrow_and_update()));
+            }
+        });
+        handle
+    }
+
+    /// Sends a request of MP to an ECP of the node.
+    fn pass(&self, effector: usize, request: ecp::Request) {
+        use ecp::Request;
+        let (ask, waiting) = match request {
+            Request::Behave { behaviour, begins, reply } => {
+                (EcpAsk::Behave(behaviour, begins), Waiting::Behaved(reply))
+            }
+            Request::Bias { reply } => (EcpAsk::Bias, Waiting::State(reply)),
+            Request::Synchronise { reply } => (EcpAsk::Synchronise, Waiting::State(reply)),
+            Request::Adjust { adjustment, reply } => {
+                (EcpAsk::Adjust(adjustment), Waiting::State(reply))
+            }
+            Request::State { reply } => (EcpAsk::State, Waiting::State(reply)),
+            Request::Look { view, reply } => (EcpAsk::Look(view), Waiting::Face(reply)),
+            Request::Start { programme, to_mp, reply } => {
+                self.desk().to_mp.insert(effector, to_mp.mailbox);
+                (EcpAsk::Start(programme), Waiting::Begun(reply))
+            }
+            Request::End(ending) => return self.tell(Tell::End(effector, ending)),
+            Request::Watch { on } => return self.tell(Tell::Watch(effector, on)),
+            Request::Signal(signal) => return self.tell(Tell::Signal(effector, signal)),
+            // A scenario with an EDP on another node has no continuous coordination. The dropped
+            // channel tells the sender.
+            Request::Transmit { .. } => return,
+        };
+        self.ask(Ask::Ecp(effector, ask), waiting);
+    }
+
+    /// Sends a request, whose answer goes to `waiting`.
+    fn ask(&self, ask: Ask, waiting: Waiting) {
+        let number = {
+            let mut desk = self.desk();
+            desk.next += 1;
+            let number = desk.next;
+            desk.asked.insert(number, waiting);
+            number
+        };
+        self.sender.send(&ToNode::Ask { number, ask });
+    }
+
+    /// Sends a message that has no answer.
+    fn tell(&self, tell: Tell) {
+        self.sender.send(&ToNode::Tell(tell));
+    }
+
+    /// Sends a beat every [`BEAT`], and raises an error once those of the node do not arrive.
+    fn send_beats(&self, clock: Clock, switches: Arc<Switches>, watchdog: Watchdog, way: Duration) {
+        let (home, limit) = (self.clone(), SILENT + way);
+        tokio::spawn(async move {
+            let begun = Instant::now();
+            loop {
+                let beat = home.desk().beat;
+                let last = beat.map_or(begun, |(_, at)| at);
+                if home.desk().dismissed {
+                    return;
+                }
+                if last.elapsed() > limit {
+                    watchdog.raise(silent_node(format!("node {}", home.name), last.elapsed()));
+                }
+                let echo = beat.map(|(number, at)| (number, at.elapsed().as_micros() as u64));
+                home.sender.send(&ToNode::Beat(HomeBeat {
+                    period: clock.period(),
+                    echo,
+                    pressed: switches.emergency.is_pressed(),
+                    hold: switches.hold.load(Ordering::Acquire) || switches.has_stopped(),
+                }));
+                tokio::time::sleep(BEAT).await;
+            }
+        });
+    }
+
+    /// Sends the operator's control, now and at each change.
+    fn send_control(&self, mut control: watch::Receiver<Control>) {
+        let home = self.clone();
+        tokio::spawn(async move {
+            loop {
+                home.tell(Tell::Control(*control.borrow_and_update()));
+                if control.changed().await.is_err() {
+                    return;
+                }
+            }
+        });
+    }
+
+    /// Sends the states of an arm that the node does not have.
+    fn send_states(&self, effector: usize, mut state: watch::Receiver<ArmState>) {
+        let home = self.clone();
+        tokio::spawn(async move {
+            while state.changed().await.is_ok() {
+                home.sender.send(&ToNode::State(effector, *state.borrow_and_update()));
+            }
+        });
+    }
+
+    /// Takes a message of the node.
+    fn take(
+        &self,
+        message: ToHome,
+        switches: &Switches,
+        watchdog: &Watchdog,
+        latest: Option<&LatestValues>,
+    ) {
+        let mut desk = self.desk();
+        match message {
+            ToHome::Answer { number, answer } => {
+                let waiting = desk.asked.remove(&number);
+                if !waiting.is_some_and(|waiting| waiting.answer(answer)) {
+                    watchdog.raise(self.failed(format!("an answer to no request, {number}")));
+                }
+            }
+            ToHome::Report(effector, report) => {
+                if let Some(to_mp) = desk.to_mp.get(&effector) {
+                    let _ = to_mp.send(report);
+                }
+            }
+            ToHome::Failed(error) => watchdog.raise(error),
+            ToHome::Beat(NodeBeat { number, alive, stopped }) => {
+                desk.beat = Some((number, Instant::now()));
+                for (effector, count) in alive {
+                    if let Some(alive) = desk.alive.get(&effector) {
+                        alive.store(count, Ordering::Relaxed);
+                    }
+                }
+                // Both hands may hold one cube.
+                if stopped {
+                    switches.hold.store(true, Ordering::Release);
+                }
+            }
+            ToHome::State(effector, state) => {
+                if let Some(latest) = latest {
+                    latest.state(effector, &state);
+                }
+                if let Some(to) = desk.states.get(&effector) {
+                    to.send_replace(state);
+                }
+            }
+            ToHome::Target(vsp, target) => {
+                if let Some(to) = desk.targets.get(&vsp) {
+                    to.send_replace(target);
+                }
+            }
+            // Answers to requests to join that were repeated.
+            ToHome::Joined { .. } | ToHome::Refused { .. } => {}
+            ToHome::Ended => drop(self.ended.send_replace(true)),
+        }
+    }
+
+    /// Makes the error of a link that has failed.
+    fn failed(&self, why: String) -> Error {
+        let who = format!("node {}", self.name);
+        Error::System { actor: who.clone(), place: "link".into(), cause: System::Link { who, why } }
+    }
+
+    /// Locks the places of the node's messages.
+    fn desk(&self) -> std::sync::MutexGuard<'_, Desk> {
+        self.desk.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,44 @@
+//! Actors on another node, over a link on the wall clock.
+//!
+//! MP's node has a [`Home`] for each other node: it gives handles of the actors there, which look
+//! like those of actors beside it. The other node has a [`Host`], which passes the requests on to
+//! the actors and returns their answers. The servo's period of 2 ms never crosses a link, since an
+//! EDP, its servo and its bridge are on one node.
+//!
+//! - in: requests to actors, beats, the operator's control; a [`Link`](crate::net::Link)
+//! - out: answers, states of arms, poses of the cube; a system error if the other node is silent
+//!
+//! | fault | threshold | reaction |
+//! |---|---|---|
+//! | no beat of the node | [`SILENT`] and the longest way | system error of MP's node |
+//! | no beat of MP's node | 0.1 s, then 1 s | the servo brakes, then trips, as without actors |
+//! | | [`GONE`] | the node ends |
+//! | a message is missing | - | system error of the node that finds it |
+//! | an arm trips | one beat | the arms of the other node hold |
+
+mod home;
+mod host;
+mod line;
+mod message;
+mod offset;
+#[cfg(test)]
+mod tests;
+
+pub(crate) use home::{Home, Joined, Watch};
+pub(crate) use host::{Host, Left};
+pub(crate) use line::{Receiver, Sender};
+pub(crate) use message::{Introduction, ToHome, ToNode};
+pub(crate) use offset::Offset;
+
+use std::time::Duration;
+
+/// Time without a beat, beyond the longest way of one, after which a node counts as dead.
+pub(crate) const SILENT: Duration = Duration::from_millis(150);
+/// Time without a beat of MP's node after which a node ends. Its arms have tripped by then.
+pub(crate) const GONE: Duration = Duration::from_secs(2);
+
+/// Returns the controller's half of the default scenario.
+#[cfg(test)]
+fn example_config() -> crate::scenario::ControllerConfig {
+    crate::tasks::read(std::path::Path::new("t.toml"), "", &[]).unwrap().controller
+}

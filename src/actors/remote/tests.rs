@@ -1,0 +1,301 @@
+//! Tests of both ends of a link, within one process and on the virtual clock.
+
+use super::*;
+use crate::actors::clock::Clock;
+use crate::actors::control::Control;
+use crate::actors::ecp::{self, EcpHandle};
+use crate::actors::edp::{self, EdpHandle};
+use crate::actors::manner::manner;
+use crate::actors::services::Services;
+use crate::actors::trace::Trace;
+use crate::actors::watchdog::{Watchdog, raised};
+use crate::actors::way::BEAT;
+use crate::emergency_stop::EmergencyStop;
+use crate::error::{Error, NonFatal, System};
+use crate::generators::{Behaviour, Outcome};
+use crate::hw::driver::{self, Switches};
+use crate::motion::{ArmState, MoveRefused, Synchronisation};
+use crate::net::{Link, Parcels, pair};
+use crate::record::run_hash::RunHash;
+use crate::servo::ServoCommand;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+
+/// Effector of the node.
+const POSTUMENT: usize = 1;
+/// Number of the run.
+const RUN: u64 = 9;
+
+/// Node with an arm whose servo carries out commands at once, and MP's end of the link to it.
+struct Rig {
+    ecp: EcpHandle,
+    edp: EdpHandle,
+    /// Clock and watchdog of MP's node.
+    clock: Clock,
+    watchdog: Watchdog,
+    control: watch::Sender<Control>,
+    stop: EmergencyStop,
+    switches: Arc<Switches>,
+    /// The node; its switches, watchdog and stop, and the control that its actors see.
+    node: JoinHandle<Left>,
+    there: Arc<Switches>,
+    there_watchdog: Watchdog,
+    there_stop: EmergencyStop,
+    there_control: watch::Receiver<Control>,
+    home: Home,
+    /// Period in which the servo took the last command, by the clock of the node.
+    taken: watch::Receiver<u64>,
+}
+
+/// Makes services with a clock that begins now.
+fn services(switches: &Arc<Switches>, control: watch::Receiver<Control>) -> Services {
+    let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(switches));
+    Services::bare(clock, control, Trace::bare(RunHash::default()).0)
+}
+
+/// Starts the servo of the node's arm, which publishes a state in each period.
+fn servo(clock: &Clock) -> (crate::hw::driver::ServoLink, watch::Receiver<u64>) {
+    let (link, mut end) = driver::link();
+    let (takes, taken) = watch::channel(0);
+    let clock = clock.clone();
+    tokio::spawn(async move {
+        let mut at = 0;
+        for period in 1.. {
+            if let Some(ServoCommand::Move { start, .. }) = end.take() {
+                takes.send_replace(period);
+                at = start;
+            }
+            let refused = (at > period + 1000).then_some(MoveRefused::Aborted);
+            let synchronisation = Synchronisation::Yes;
+            end.publish(&ArmState { period, refused, synchronisation, ..ArmState::default() });
+            clock.until(period).await;
+        }
+    });
+    (link, taken)
+}
+
+/// Starts the node's end over a link.
+fn host(
+    (link, parcels): (Arc<dyn Link>, Parcels),
+) -> (
+    JoinHandle<Left>,
+    Arc<Switches>,
+    EmergencyStop,
+    Watchdog,
+    watch::Receiver<Control>,
+    watch::Receiver<u64>,
+) {
+    let stop = EmergencyStop::default();
+    let switches = Arc::new(Switches::new(stop.signal()));
+    let (told, control) = watch::channel(Control::Waiting);
+    let services = services(&switches, control.clone());
+    let (link_to_servo, taken) = servo(&services.clock);
+    let config = super::example_config();
+    let edp = edp::spawn("postument", link_to_servo, &services);
+    let parts = ecp::Parts {
+        edp: edp.clone(),
+        tracker: None,
+        hand_camera: None,
+        lag: 0,
+        sensors: Vec::new(),
+        manner: manner(&config, POSTUMENT),
+        programmes: config.programmes.clone(),
+        surroundings: None,
+        services: services.clone(),
+    };
+    let watchdog = services.supervision.watchdog.clone();
+    let host = Host {
+        run: RUN,
+        arms: vec![(POSTUMENT, true)],
+        sender: Sender::new(link),
+        edps: [(POSTUMENT, edp)].into(),
+        ecps: [(POSTUMENT, ecp::spawn("postument", parts))].into(),
+        vsps: [].into(),
+        states: [(0, watch::channel(ArmState::default()).0)].into(),
+        control: told,
+        offset: Offset::default(),
+        clock: services.clock.clone(),
+        switches: Arc::clone(&switches),
+        stop_button: stop.button(),
+        watchdog: watchdog.clone(),
+    };
+    let node = tokio::spawn(host.serve(Receiver::new(parcels)));
+    (node, switches, stop, watchdog, control, taken)
+}
+
+/// Starts MP's end, and a second later the node, so that their periods differ by 500.
+async fn rig() -> Rig {
+    let [near, far] = pair();
+    let (control, orders) = watch::channel(Control::Running);
+    let stop = EmergencyStop::default();
+    let switches = Arc::new(Switches::new(stop.signal()));
+    let services = services(&switches, orders);
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    let (node, there, there_stop, there_watchdog, there_control, taken) = host(far);
+    let home = Home::new("b", Sender::new(near.0), Duration::from_millis(20));
+    let mut receiver = Receiver::new(near.1);
+    let introduction = Introduction { run: RUN, program: "p".into(), scenario: 3 };
+    let joined = home.join(&mut receiver, &introduction, Duration::from_secs(1)).await;
+    assert_eq!(joined, Ok(vec![(POSTUMENT, true)]));
+    let patience = services.supervision.patience;
+    let edp = home.edp(POSTUMENT, "postument", patience, &services.clock);
+    let ecp = home.ecp(POSTUMENT, "postument", patience, (services.clock.clone(), 20));
+    let (clock, watchdog) = (services.clock.clone(), services.supervision.watchdog.clone());
+    let way = Duration::from_millis(10);
+    home.start(receiver, Watch { services, switches: Arc::clone(&switches), states: vec![], way });
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    Rig {
+        ecp,
+        edp,
+        clock,
+        watchdog,
+        control,
+        stop,
+        switches,
+        node,
+        there,
+        there_watchdog,
+        there_stop,
+        there_control,
+        home,
+        taken,
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn requests_cross_and_periods_are_those_of_home() {
+    let Rig { ecp, edp, clock, taken, .. } = rig().await;
+
+    for state in [ecp.state().await.unwrap(), edp.state().await.unwrap()] {
+        assert!(clock.period().abs_diff(state.period) <= 2, "{}: {}", clock.period(), state.period);
+    }
+    assert!(clock.period().abs_diff(edp.watch().borrow().period) <= 2);
+    // The motion begins 20 periods after its order; the node is 500 periods behind.
+    let ordered = clock.period();
+    let target = ArmState::default().joints;
+    let behaviour = Behaviour::Joints { target, speed: 1.0, seconds: 0.1 };
+    let (outcome, state) = ecp.behave(behaviour).await.unwrap();
+    assert!(matches!(outcome, Outcome::Reached | Outcome::Ended), "{outcome:?}");
+    assert!(state.period > ordered);
+    assert!(*taken.borrow() + 500 >= ordered, "{} for {ordered}", *taken.borrow());
+}
+
+#[tokio::test(start_paused = true)]
+async fn request_to_wrong_actor_gets_its_error() {
+    let Rig { ecp, .. } = rig().await;
+    let view =
+        crate::kernel::View { camera_from_face: crate::spatial::Pose::identity(), exposure: 1.0 };
+
+    let error = ecp.look(view).await.unwrap_err();
+
+    let expected = NonFatal::NoReading("no camera in this hand belongs to this ECP".into());
+    assert!(matches!(error, Error::NonFatal { cause, .. } if cause == expected));
+}
+
+/// A node that dies is noticed after the silence, and a beat of the check.
+#[tokio::test(start_paused = true)]
+async fn dead_node_is_a_system_error_in_time() {
+    let Rig { node, watchdog, ecp, .. } = rig().await;
+    let died = tokio::time::Instant::now();
+    node.abort();
+
+    let error = watchdog.raised().await;
+
+    assert!(error.to_string().contains("node b"), "{error}");
+    assert!(matches!(error, Error::System { cause: System::Silent { .. }, .. }));
+    let limit = SILENT + Duration::from_millis(10) + 3 * BEAT;
+    assert!(died.elapsed() <= limit, "{:?}", died.elapsed());
+    // A request to the dead node ends by the patience of its sender.
+    assert!(ecp.state().await.is_err());
+}
+
+/// Without MP's node the servo gets no heartbeat at once, and the node ends 2 s later.
+#[tokio::test(start_paused = true)]
+async fn node_without_home_stops_its_heartbeat() {
+    let Rig { node, there, home, watchdog, .. } = rig().await;
+    let beats = there.beats.load(Ordering::Relaxed);
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    assert!(there.beats.load(Ordering::Relaxed) >= beats + 4);
+    // The link dies with all that sends over it.
+    home.silence();
+    tokio::time::sleep(2 * BEAT).await;
+    let beats = there.beats.load(Ordering::Relaxed);
+    let left = node.await.unwrap();
+
+    assert_eq!(there.beats.load(Ordering::Relaxed), beats);
+    assert_eq!(left, Left::Alone("no beat of MP's node in 2 s".into()));
+    drop(watchdog);
+}
+
+#[tokio::test(start_paused = true)]
+async fn stop_control_and_hold_cross_within_beats() {
+    let Rig { control, stop, there, there_stop, mut there_control, switches, .. } = rig().await;
+    assert_eq!(*there_control.borrow_and_update(), Control::Running);
+
+    control.send_replace(Control::Paused);
+    stop.button().press();
+    tokio::time::sleep(2 * BEAT).await;
+
+    assert_eq!(*there_control.borrow_and_update(), Control::Paused);
+    assert!(there_stop.signal().is_pressed());
+    assert!(!there.hold.load(Ordering::Acquire));
+    switches.hold.store(true, Ordering::Release);
+    tokio::time::sleep(2 * BEAT).await;
+    assert!(there.hold.load(Ordering::Acquire));
+}
+
+/// An arm of the node that a fault has stopped makes the arms of MP's node hold.
+#[tokio::test(start_paused = true)]
+async fn stopped_arm_of_node_holds_the_others() {
+    let Rig { there, switches, .. } = rig().await;
+    assert!(!switches.hold.load(Ordering::Acquire));
+
+    there.stop_for_test();
+    tokio::time::sleep(2 * BEAT).await;
+
+    assert!(switches.hold.load(Ordering::Acquire));
+}
+
+#[tokio::test(start_paused = true)]
+async fn error_of_node_ends_the_run() {
+    let Rig { there_watchdog, watchdog, node, home, .. } = rig().await;
+    let cause = System::Panicked { who: "ecp postument".into(), why: "test".into() };
+    let error = Error::System { actor: "supervisor".into(), place: "supervise".into(), cause };
+
+    there_watchdog.raise(error.clone());
+
+    let mut listens = watchdog.listen();
+    assert_eq!(raised(&mut listens).await, error);
+    home.dismiss();
+    assert_eq!(node.await.unwrap(), Left::Failed(error));
+}
+
+#[tokio::test(start_paused = true)]
+async fn second_run_is_refused_by_busy_node() {
+    let [near, far] = pair();
+    let (node, ..) = host(far);
+    let home = Home::new("b", Sender::new(near.0), Duration::from_millis(20));
+    let mut receiver = Receiver::new(near.1);
+    let mut introduction = Introduction { run: 4, program: "p".into(), scenario: 3 };
+
+    let refused = home.join(&mut receiver, &introduction, Duration::from_secs(1)).await;
+    introduction.run = RUN;
+    let joined = home.join(&mut receiver, &introduction, Duration::from_secs(1)).await;
+
+    assert_eq!(refused, Err("it takes part in another run".into()));
+    assert_eq!(joined, Ok(vec![(POSTUMENT, true)]));
+    node.abort();
+}
+
+#[tokio::test(start_paused = true)]
+async fn absent_node_is_refused_after_the_limit() {
+    let [near, _far] = pair();
+    let home = Home::new("b", Sender::new(near.0), Duration::ZERO);
+    let introduction = Introduction { run: RUN, program: "p".into(), scenario: 3 };
+
+    let absent = home.join(&mut Receiver::new(near.1), &introduction, Duration::from_secs(5)).await;
+
+    assert_eq!(absent, Err("no answer in 5 s".into()));
+}

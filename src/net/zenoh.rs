@@ -1,0 +1,173 @@
+//! Links over a network by zenoh.
+//!
+//! The nodes find each other by the endpoints of the scenario alone: there is no scouting, so a
+//! session never joins another one that happens to be on the network. A file of zenoh's own
+//! settings adds certificates and access rules.
+//!
+//! | lane | congestion | priority | reason |
+//! |---|---|---|---|
+//! | messages | block | interactive | each one must arrive |
+//! | values | drop | real-time | a late beat is worth less than the next one |
+//!
+//! - in: endpoints, parcels
+//! - out: parcels
+
+use super::link::{End, Lane, Link, Parcels};
+use crate::error::panic_text;
+use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::mpsc;
+use tokio::sync::mpsc::UnboundedSender;
+use zenoh::Wait as _;
+use zenoh::config::Config;
+use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::qos::{CongestionControl, Priority};
+
+/// Session of a node with its peers.
+///
+/// Zenoh refuses to work on a thread of a runtime with one thread, as that of the actors is: all
+/// calls have threads of their own.
+pub struct Session(Option<zenoh::Session>);
+
+impl fmt::Debug for Session {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Session").finish()
+    }
+}
+
+/// Opens a session that listens at `listen` and connects to `connect`, both endpoints as zenoh
+/// writes them, such as `tcp/127.0.0.1:7447`. `settings` is a file of zenoh's own settings.
+///
+/// # Errors
+/// The reason, if the file cannot be read or an endpoint cannot be opened.
+pub fn open(listen: &[&str], connect: &[&str], settings: Option<&Path>) -> Result<Session, String> {
+    let mut config = match settings {
+        Some(path) => {
+            Config::from_file(path).map_err(|why| format!("{}: {why}", path.display()))?
+        }
+        None => Config::default(),
+    };
+    let listed = |endpoints: &[&str]| {
+        let quoted: Vec<_> = endpoints.iter().map(|endpoint| format!("{endpoint:?}")).collect();
+        format!("[{}]", quoted.join(","))
+    };
+    for (key, value) in [
+        ("mode", "\"peer\"".to_owned()),
+        ("listen/endpoints", listed(listen)),
+        ("connect/endpoints", listed(connect)),
+        ("scouting/multicast/enabled", "false".to_owned()),
+        ("scouting/gossip/enabled", "false".to_owned()),
+    ] {
+        config.insert_json5(key, &value).map_err(|why| format!("{key} = {value}: {why}"))?;
+    }
+    let opened = outside(move || zenoh::open(config).wait())?;
+    opened.map(|session| Session(Some(session))).map_err(|why| why.to_string())
+}
+
+/// Does `work` on a thread of its own, and waits for it.
+///
+/// # Errors
+/// If the system gives no thread, or the work panicked.
+fn outside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, String> {
+    let thread = std::thread::Builder::new().name("network".to_owned()).spawn(work);
+    let thread = thread.map_err(|why| why.to_string())?;
+    thread.join().map_err(|why| panic_text(&*why))
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        let session = self.0.take();
+        // The process ends soon: a session that cannot be closed is left to it.
+        let _ = outside(move || drop(session));
+    }
+}
+
+/// Link over a session.
+struct Carrier {
+    parcels: mpsc::Sender<(Lane, Vec<u8>)>,
+}
+
+impl fmt::Debug for Carrier {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Carrier").finish_non_exhaustive()
+    }
+}
+
+impl Link for Carrier {
+    fn send(&self, lane: Lane, parcel: Vec<u8>) {
+        // The thread ends only with this sender.
+        let _ = self.parcels.send((lane, parcel));
+    }
+}
+
+impl Session {
+    /// Opens an end of the link to the node `name`, and returns it with the parcels that arrive.
+    ///
+    /// # Errors
+    /// The reason, if the session has ended or the system gives no thread.
+    pub fn link(&self, name: &str, end: End) -> Result<(Arc<dyn Link>, Parcels), String> {
+        let session = self.0.clone().ok_or("the session has ended")?;
+        let (arrive, arriving) = tokio::sync::mpsc::unbounded_channel();
+        let declare = {
+            let name = name.to_owned();
+            move || Ends::declare(&session, &name, end, &arrive)
+        };
+        let ends = outside(declare)?.map_err(|why| why.to_string())?;
+        let (parcels, sent) = mpsc::channel();
+        // A full link makes this thread wait, never an actor.
+        let thread = std::thread::Builder::new().name(format!("link {name}"));
+        thread.spawn(move || carry(&sent, &ends)).map_err(|why| why.to_string())?;
+        Ok((Arc::new(Carrier { parcels }), arriving))
+    }
+}
+
+/// Publishers and subscribers of one end of a link.
+struct Ends {
+    messages: Publisher<'static>,
+    values: Publisher<'static>,
+    _receivers: Vec<Subscriber<()>>,
+}
+
+impl Ends {
+    /// Declares them; `arrive` takes the parcels that arrive.
+    fn declare(
+        session: &zenoh::Session,
+        name: &str,
+        end: End,
+        arrive: &UnboundedSender<(Lane, Vec<u8>)>,
+    ) -> Result<Self, zenoh::Error> {
+        let key = |end: End, lane: &str| format!("rubik-robot/{name}/{}/{lane}", end.word());
+        let mut receivers = Vec::new();
+        // Messages first: a peer that knows of the values knows of the messages.
+        for (lane, word) in [(Lane::Messages, "messages"), (Lane::Values, "values")] {
+            let arrive = arrive.clone();
+            let receive = move |sample: zenoh::sample::Sample| {
+                let _ = arrive.send((lane, sample.payload().to_bytes().into_owned()));
+            };
+            let subscriber = session.declare_subscriber(key(end.other(), word));
+            receivers.push(subscriber.callback(receive).wait()?);
+        }
+        let messages = session.declare_publisher(key(end, "messages"));
+        let messages = messages
+            .congestion_control(CongestionControl::Block)
+            .priority(Priority::InteractiveHigh)
+            .express(true);
+        let values = session.declare_publisher(key(end, "values"));
+        let values = values
+            .congestion_control(CongestionControl::Drop)
+            .priority(Priority::RealTime)
+            .express(true);
+        Ok(Self { messages: messages.wait()?, values: values.wait()?, _receivers: receivers })
+    }
+}
+
+/// Publishes parcels until their sender ends.
+fn carry(parcels: &mpsc::Receiver<(Lane, Vec<u8>)>, ends: &Ends) {
+    while let Ok((lane, parcel)) = parcels.recv() {
+        let publisher = if lane == Lane::Messages { &ends.messages } else { &ends.values };
+        if let Err(why) = publisher.put(parcel).wait() {
+            tracing::error!("a parcel to another node was not sent: {why}");
+        }
+    }
+}
