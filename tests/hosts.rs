@@ -1,0 +1,369 @@
+//! Runs on two nodes that are processes of their own, over zenoh and in real time: the emulated
+//! cell, the node b, and MP's node.
+//!
+//! `cargo test --release --features net --test hosts -- --test-threads 1`, on a machine with time
+//! to spare: `.ci/long hosts` does it.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+/// Longest time until each part of a run is ready.
+const READY: Duration = Duration::from_secs(30);
+
+/// Emulated cell and the keys of a run in it. Its folder is removed at the end of the test.
+struct Cell {
+    folder: PathBuf,
+    emulator: Child,
+    keys: Vec<String>,
+}
+
+/// Process whose stderr is read line by line.
+struct Process {
+    child: Child,
+    lines: mpsc::Receiver<String>,
+    told: String,
+}
+
+impl Process {
+    /// Starts the program with these arguments.
+    fn start(args: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_rubik-robot"))
+            .args(args)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let stderr = BufReader::new(child.stderr.take().unwrap());
+        let (tell, lines) = mpsc::channel();
+        std::thread::spawn(move || {
+            for line in stderr.lines().map_while(Result::ok) {
+                let _ = tell.send(line);
+            }
+        });
+        Self { child, lines, told: String::new() }
+    }
+
+    /// Waits until a line has these words.
+    fn until(&mut self, words: &str) {
+        let begun = Instant::now();
+        while !self.told.contains(words) {
+            let left = READY.saturating_sub(begun.elapsed());
+            let line = self.lines.recv_timeout(left);
+            assert!(line.is_ok(), "no \"{words}\" in:\n{}", self.told);
+            self.told += &(line.unwrap() + "\n");
+        }
+    }
+
+    /// Waits for the end. Returns the exit code and the object of the last line of stdout.
+    fn end(mut self) -> (Option<i32>, Value, String) {
+        let Output { stdout, status, .. } = {
+            let mut stdout = Vec::new();
+            self.child.stdout.take().unwrap().read_to_end(&mut stdout).unwrap();
+            let status = self.child.wait().unwrap();
+            Output { stdout, stderr: Vec::new(), status }
+        };
+        self.told.extend(self.lines.iter().map(|line| line + "\n"));
+        let printed = String::from_utf8(stdout).unwrap();
+        let object = printed.lines().last().and_then(|line| serde_json::from_str(line).ok());
+        (status.code(), object.unwrap_or_default(), self.told)
+    }
+
+    /// Sends a signal, by the name that `kill` takes.
+    fn signal(&self, name: &str) {
+        let id = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-s", name, &id]).status().unwrap().success());
+    }
+}
+
+impl Cell {
+    /// Starts the emulator of `scenarios/two_hosts.toml` for a task. Node b listens at `port`.
+    fn new(task: &str, port: u16) -> Self {
+        let folder =
+            std::env::temp_dir().join(format!("rubik-robot-hosts-{}-{port}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let keys = vec![
+            format!("task={task}"),
+            format!("bridge.devices={}", folder.join("devices.toml").display()),
+            // These tests share the processor with others.
+            "bridge.missed_answers=40".to_owned(),
+            format!("node.b.endpoint=tcp/127.0.0.1:{port}"),
+        ];
+        let mut args = vec!["emulate", "scenarios/two_hosts.toml", "--json"];
+        args.extend(keys.iter().flat_map(|key| ["--set", key.as_str()]));
+        let mut emulator = Process::start(&args);
+        emulator.until("rubik-robot run");
+        let Process { child, lines, .. } = emulator;
+        // Drained: a full pipe would block the emulator.
+        std::thread::spawn(move || lines.iter().for_each(drop));
+        Self { folder, emulator: child, keys }
+    }
+
+    /// Starts a command over the cell.
+    fn command(&self, words: &[&str], more: &[&str]) -> Process {
+        let keys = self.keys.iter().map(String::as_str).chain(more.iter().copied());
+        let sets: Vec<_> = keys.flat_map(|key| ["--set", key]).collect();
+        Process::start(&[words, &sets].concat())
+    }
+
+    /// Starts node b.
+    fn node(&self, more: &[&str]) -> Process {
+        let words = ["node", "b", "--scenario", "scenarios/two_hosts.toml", "--json"];
+        let mut node = self.command(&words, more);
+        node.until("waits for MP's node");
+        node
+    }
+
+    /// Starts the run.
+    fn run(&self, more: &[&str]) -> Process {
+        self.command(&["run", "scenarios/two_hosts.toml", "--ui", "none", "--json"], more)
+    }
+
+    /// Waits for the end of the emulator and returns the plant's verdict.
+    fn verdict(mut self) -> Value {
+        let mut printed = String::new();
+        self.emulator.stdout.take().unwrap().read_to_string(&mut printed).unwrap();
+        serde_json::from_str(printed.lines().last().unwrap()).unwrap()
+    }
+}
+
+impl Drop for Cell {
+    fn drop(&mut self) {
+        let _ = self.emulator.kill();
+        let _ = self.emulator.wait();
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// Starts a run with its node, and waits until both hands are at work.
+fn under_way(cell: &Cell) -> (Process, Process) {
+    let node = cell.node(&[]);
+    let mut run = cell.run(&[]);
+    run.until("grasp");
+    std::thread::sleep(Duration::from_secs(3));
+    (node, run)
+}
+
+#[test]
+fn face_turns_on_two_hosts() {
+    let cell = Cell::new("face_turn", 17101);
+    let mut node = cell.node(&[]);
+
+    let (code, summary, told) = cell.run(&[]).end();
+    node.until("MP's node ended the run");
+    let (node_code, end, node_told) = node.end();
+
+    assert_eq!(code, Some(0), "{told}");
+    assert_eq!(summary["outcome"], "solved");
+    assert_eq!(node_code, Some(0), "{node_told}");
+    assert!(end["time_s"].as_f64().unwrap() > 5.0);
+    let verdict = cell.verdict();
+    let turned = verdict["turned_deg"].as_f64().unwrap();
+    assert!((turned - 90.0).abs() < 2.0, "{verdict}");
+    assert_eq!((&verdict["slips"], &verdict["collisions"]), (&0.into(), &0.into()));
+}
+
+/// The recordings of both nodes have the servos of their own arms, and each is verified.
+#[test]
+fn recordings_of_both_hosts_are_verified() {
+    let cell = Cell::new("face_turn", 17102);
+    let files = ["mp.mcap", "b.mcap"].map(|name| cell.folder.join(name));
+    let path = |file: &Path| file.to_str().unwrap().to_owned();
+    let words =
+        ["node", "b", "--scenario", "scenarios/two_hosts.toml", "--record", &path(&files[1])];
+    let mut node = cell.command(&words, &[]);
+    node.until("waits for MP's node");
+
+    let words = ["run", "scenarios/two_hosts.toml", "--ui", "none", "--record", &path(&files[0])];
+    assert_eq!(cell.command(&words, &[]).end().0, Some(0));
+    assert_eq!(node.end().0, Some(0));
+
+    for file in &files {
+        let (code, _, told) = Process::start(&["replay", "--verify", &path(file)]).end();
+        assert_eq!(code, Some(0), "{}: {told}", file.display());
+    }
+}
+
+/// A killed node: its arm stops by its controllers' watchdogs, that of MP's node holds, and the run
+/// ends within a second.
+#[test]
+fn killed_node_ends_the_run() {
+    let cell = Cell::new("face_turn", 17103);
+    let (node, run) = under_way(&cell);
+
+    node.signal("KILL");
+    let begun = Instant::now();
+    let (code, summary, told) = run.end();
+
+    // The arms come to rest before the drives go off, and a dead node does not confirm its end.
+    assert!(begun.elapsed() < Duration::from_secs(6), "{:?}", begun.elapsed());
+    assert_eq!(code, Some(4), "{told}");
+    assert_eq!(summary["fault"]["code"], "no-answer", "{summary}");
+    assert!(summary["reason"].as_str().unwrap().contains("node b"), "{summary}");
+    let verdict = cell.verdict();
+    assert_eq!((&verdict["drops"], &verdict["collisions"]), (&0.into(), &0.into()), "{verdict}");
+}
+
+/// A frozen node is as good as dead. When it goes on, its servo has tripped.
+#[test]
+fn frozen_node_ends_the_run() {
+    let cell = Cell::new("face_turn", 17104);
+    let (node, run) = under_way(&cell);
+
+    node.signal("STOP");
+    let (code, summary, told) = run.end();
+    node.signal("CONT");
+
+    assert_eq!(code, Some(4), "{told}");
+    assert_eq!(summary["fault"]["code"], "no-answer", "{summary}");
+    let (code, end, _) = node.end();
+    assert!(matches!(code, Some(3 | 4)), "{code:?} {end}");
+}
+
+/// Without MP's node the servo of the other node brakes and trips, and its process ends.
+#[test]
+fn killed_mp_ends_the_node() {
+    let cell = Cell::new("face_turn", 17105);
+    let (node, run) = under_way(&cell);
+
+    run.signal("KILL");
+    let begun = Instant::now();
+    let (code, end, told) = node.end();
+
+    assert!(begun.elapsed() < Duration::from_secs(6), "{:?}", begun.elapsed());
+    assert_eq!(code, Some(4), "{told}");
+    assert_eq!(end["fault"]["code"], "link-failed", "{end}");
+    let verdict = cell.verdict();
+    assert_eq!((&verdict["drops"], &verdict["collisions"]), (&0.into(), &0.into()), "{verdict}");
+}
+
+/// Ctrl-C at a node ends the run on all nodes.
+#[test]
+fn interrupted_node_ends_the_run() {
+    let cell = Cell::new("face_turn", 17106);
+    let (node, run) = under_way(&cell);
+
+    node.signal("INT");
+    let (code, summary, told) = run.end();
+
+    assert_eq!(code, Some(4), "{told}");
+    assert!(summary["reason"].as_str().unwrap().contains("it was interrupted"), "{summary}");
+    assert_eq!(node.end().0, Some(4));
+}
+
+#[test]
+fn node_with_other_scenario_is_refused() {
+    let cell = Cell::new("face_turn", 17107);
+    let node = cell.node(&["control.grip_n=30"]);
+
+    let (code, _, told) = cell.run(&[]).end();
+
+    assert_eq!(code, Some(4), "{told}");
+    assert!(told.contains("has read another scenario"), "{told}");
+    node.signal("INT");
+    assert_eq!(node.end().0, Some(130));
+}
+
+/// A node that died before the run is taken back; one that returns during it stays out.
+#[test]
+fn returning_node_joins_only_the_next_run() {
+    let cell = Cell::new("face_turn", 17108);
+    cell.node(&[]).signal("KILL");
+    let (node, run) = under_way(&cell);
+
+    node.signal("KILL");
+    let back = cell.node(&[]);
+    let (code, _, told) = run.end();
+
+    assert_eq!(code, Some(4), "{told}");
+    std::thread::sleep(Duration::from_secs(1));
+    back.signal("INT");
+    let (code, end, told) = back.end();
+    assert_eq!(code, Some(130), "it has joined no run: {end} {told}");
+}
+
+#[test]
+fn absent_node_is_named_with_its_command() {
+    let cell = Cell::new("face_turn", 17109);
+
+    let (code, _, told) = cell.run(&[]).end();
+
+    assert_eq!(code, Some(4), "{told}");
+    assert!(told.contains("no answer in 30 s"), "{told}");
+    assert!(told.contains("rubik-robot node b --scenario scenarios/two_hosts.toml"), "{told}");
+}
+
+/// Passes bytes on, each `delay` later.
+fn pass(mut from: TcpStream, mut to: TcpStream, delay: Duration) {
+    let (later, due) = mpsc::channel::<(Instant, Vec<u8>)>();
+    std::thread::spawn(move || {
+        while let Ok((at, bytes)) = due.recv() {
+            std::thread::sleep(at.saturating_duration_since(Instant::now()));
+            if to.write_all(&bytes).is_err() {
+                return;
+            }
+        }
+    });
+    std::thread::spawn(move || {
+        let mut bytes = vec![0; 65536];
+        while let Ok(count @ 1..) = from.read(&mut bytes) {
+            if later.send((Instant::now() + delay, bytes[..count].to_vec())).is_err() {
+                return;
+            }
+        }
+    });
+}
+
+/// Between the nodes a proxy delays each byte by 30 ms.
+#[test]
+fn face_turns_over_a_slow_network() {
+    let cell = Cell::new("face_turn", 17110);
+    let proxy = TcpListener::bind("127.0.0.1:17111").unwrap();
+    std::thread::spawn(move || {
+        for near in proxy.incoming().flatten() {
+            let far = TcpStream::connect("127.0.0.1:17110").unwrap();
+            near.set_nodelay(true).and_then(|()| far.set_nodelay(true)).unwrap();
+            let delay = Duration::from_millis(30);
+            pass(near.try_clone().unwrap(), far.try_clone().unwrap(), delay);
+            pass(far, near, delay);
+        }
+    });
+    let bound = "link.delay_ms=35";
+    let node = cell.node(&[bound]);
+
+    let (code, summary, told) = cell.run(&[bound, "node.b.endpoint=tcp/127.0.0.1:17111"]).end();
+
+    assert_eq!(code, Some(0), "{told}");
+    assert_eq!(summary["outcome"], "solved");
+    assert_eq!(node.end().0, Some(0));
+    let verdict = cell.verdict();
+    let turned = verdict["turned_deg"].as_f64().unwrap();
+    assert!((turned - 90.0).abs() < 2.0, "{verdict}");
+}
+
+/// With certificates the nodes speak over TLS; a peer without one gets no answer.
+#[test]
+fn tls_needs_a_certificate_on_both_sides() {
+    let cell = Cell::new("face_turn", 17112);
+    let made = Command::new("packaging/network/certificates").arg(&cell.folder).status().unwrap();
+    assert!(made.success());
+    let settings = |name: &str| format!("link.settings={}", cell.folder.join(name).display());
+    let (of_b, of_mp) = (settings("b.json5"), settings("mp.json5"));
+    let endpoint = "node.b.endpoint=tls/localhost:17112";
+    let node = cell.node(&[&of_b, endpoint]);
+
+    let (stranger, _, told) = cell.run(&[endpoint]).end();
+    assert_eq!(stranger, Some(4), "{told}");
+    let (code, summary, told) = cell.run(&[&of_mp, endpoint]).end();
+
+    assert_eq!(code, Some(0), "{told}");
+    assert_eq!(summary["outcome"], "solved");
+    assert_eq!(node.end().0, Some(0));
+}
