@@ -24,6 +24,7 @@ pub(crate) mod meeting_cache;
 mod nodes;
 mod operator;
 mod options;
+mod orders;
 mod outcome;
 mod plan;
 mod plant_hash;

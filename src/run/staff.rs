@@ -336,7 +336,7 @@ fn start_sensors(
                 let source = sources.cameras[camera].take().ok_or_else(|| {
                     not_created(&wanted.name, "its camera belongs to another VSP")
                 })?;
-                let services = services.under(faults.vsps.get(camera));
+                let services = services.under(faults.vsps.get(camera)).across(nodes.of_vsp(index));
                 let parts = sensor_parts(config, wanted, (camera, source), services);
                 let carrier = match config.cell.cameras[camera].mount {
                     Mount::Flange { arm, .. } => Some(arm),
@@ -411,6 +411,7 @@ fn sensor_parts(
         face: Effort(config.vision.face),
         frame_periods: periods(wanted.period),
         camera,
+        exposure: config.vision.exposure,
         services,
     }
 }
