@@ -60,15 +60,13 @@ fn grip_order_raises_pad_force_at_its_rate() {
     }
     let body = |seen: &[Squeeze]| tenths(seen.iter().map(|hands| hands[1].0));
     let (usual, firm) = (body(&usual.1), body(&firm.1));
-    println!("usual {usual:.1?}\nfirm {firm:.1?}");
     assert_eq!(usual[..20], firm[..20], "nothing changes before the order");
-    for (i, (usual, firm)) in usual.iter().zip(&firm).enumerate().skip(20) {
-        let since = 0.1 * (i as f64 - 19.0);
-        // The turn itself moves the pads, in both runs in the same way but for some newtons.
-        assert!(firm - usual < (5.0 * since).min(10.0) + 2.0, "{usual} N, {firm} N at {i}");
+    // A hand that waits keeps its grip; then each tenth of a second adds half a newton.
+    for pair in firm[20..].windows(2) {
+        assert!((-0.05..0.55).contains(&(pair[1] - pair[0])), "{pair:?}");
     }
     let last = |all: &[f64]| all[all.len() - 5..].iter().sum::<f64>() / 5.0;
-    assert!((last(&firm) - last(&usual) - 10.0).abs() < 2.0, "{} {}", last(&firm), last(&usual));
+    assert!((last(&firm) - last(&usual) - 10.0).abs() < 0.1, "{} {}", last(&firm), last(&usual));
 }
 
 /// The palm presses the cube with twice the force of an approach.
@@ -81,7 +79,8 @@ fn approach_force_order_raises_pressing_force() {
         palm(&seen).into_iter().fold(0.0, f64::max)
     });
 
-    assert!((firm / usual - 1.5).abs() < 0.2, "{usual} N, {firm} N");
+    // The pads take up the same share of both pressing forces, 8 N and 12 N.
+    assert!((firm - usual - 4.0).abs() < 1.0, "{usual} N, {firm} N");
 }
 
 /// A recording has the order as an input of the operator, and the change as a notice.
@@ -91,10 +90,10 @@ fn recorded_order_is_verified_to_the_bit() {
     let (file, summary) = recorded("ordered.mcap", "scenarios/face_turn.toml", &["--set", &change]);
     let usual = run("face_turn.toml", &[]).servo_hash;
     assert_ne!(summary["servo_hash"], usual, "the order has an effect");
-    let bytes = std::fs::read(&file).unwrap();
-    let contains = |text: &str| bytes.windows(text.len()).any(|part| part == text.as_bytes());
-    assert!(contains(r#"{"parameter":{"parameter":"grip_n","value":50.0}}"#));
-    assert!(contains("parameter grip_n: from 40 to 50 N, by the scenario"));
+    let replayed = program().args(["replay", "--ui", "none"]).arg(&file).output().unwrap();
+    let shown = String::from_utf8_lossy(&replayed.stderr);
+    assert!(shown.contains("operator: parameter grip_n to 50"), "{shown}");
+    assert!(shown.contains("parameter grip_n: from 40 to 50 N, by the scenario"), "{shown}");
 
     let verified = program().args(["replay", "--verify"]).arg(&file).output().unwrap();
 
