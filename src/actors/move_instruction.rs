@@ -472,7 +472,9 @@ mod tests {
             motion.step(&arm, None).unwrap().0
         };
         // After these macrosteps a turn has its full speed.
-        (0..20).for_each(|_| drop(step()));
+        for _ in 0..20 {
+            step();
+        }
         step()
     }
 

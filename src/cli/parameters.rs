@@ -14,11 +14,10 @@ pub(super) fn run(args: &ScenarioArgs, output: &mut Output) -> anyhow::Result<u8
         let (least, most) = (short(bounds.least), short(bounds.most));
         let unit = declared.unit;
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-        let range = match bounds.leave_room() {
-            true => {
-                format!("{least}..{most}{unit}, by at most {}{unit} in a second", declared.rate)
-            }
-            false => "fixed in this scenario".to_owned(),
+        let range = if bounds.leave_room() {
+            format!("{least}..{most}{unit}, by at most {}{unit} in a second", declared.rate)
+        } else {
+            "fixed in this scenario".to_owned()
         };
         output.line(&format!("{} = {}", declared.name, short(bounds.usual)))?;
         output.line(&format!("    {} ({}: {range})", declared.meaning, declared.key))?;

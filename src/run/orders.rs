@@ -43,9 +43,10 @@ impl Ordered {
     /// Takes the orders that are due after `period` (of 2 ms).
     pub(super) fn due(&mut self, period: u64) -> Vec<Input> {
         let mut due = Vec::new();
-        while let Some(ScriptedOrder { parameter, value, .. }) =
-            self.script.pop_front_if(|order| order.period <= period)
+        while let Some(&ScriptedOrder { parameter, value, .. }) =
+            self.script.front().filter(|order| order.period <= period)
         {
+            self.script.pop_front();
             due.push(Input::Parameter { parameter, value });
         }
         let orders = *self.orders.borrow();
