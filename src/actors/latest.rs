@@ -8,6 +8,7 @@ use crate::hw::driver::{RecordSink, ServoRecord, Switches};
 use crate::kernel::Picture;
 use crate::motion::ArmState;
 use crate::operator::Question;
+use crate::operator::parameter::Courses;
 use crate::spatial::Pose;
 use crate::vision::sensor::FaceReading;
 use image::RgbImage;
@@ -38,6 +39,8 @@ pub struct Latest {
     pub question: Option<Question>,
     /// Whether this is a replay; a recording does not hold the orders of the effectors.
     pub replayed: bool,
+    /// Courses of the operator's parameters; `None` before the first order.
+    pub courses: Option<Courses>,
     /// Whether the operator may move arms by hand now.
     pub manual: bool,
     /// Latest picture of each camera's VSP.

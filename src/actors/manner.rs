@@ -53,6 +53,7 @@ pub fn manner(config: &ControllerConfig, effector: usize) -> Manner {
             angular_acceleration: 2.0 * c.angular_speed,
             profile: Profile { ramp: c.ramp },
         },
+        free_speed: c.free_speed,
         hand,
         library: config.generators.clone(),
     }

@@ -9,8 +9,8 @@
 //! - actors: `ui`, `mp`, `ecp`, `edp`, `vsp`
 //! - parts of actors: `move_instruction` runs a generator by its `manner`, `ways` checks the path
 //!   of a motion before it begins, `homing` synchronises an arm, `present` makes the UI's snapshots
-//! - services of all actors: `services` with `clock`, `control`, `work`, `trace`, `latest`,
-//!   `notice`
+//! - services of all actors: `services` with `clock`, `control`, `tuning`, `work`, `trace`,
+//!   `latest`, `notice`
 //! - nodes: `way` is the model of a link on the virtual clock, `remote` a link on the wall clock
 //! - supervision: `watchdog` detects actors that fail, `lookout` stops arms that come too near an
 //!   obstacle, `fault` injects failures
@@ -34,6 +34,7 @@ pub mod services;
 #[cfg(test)]
 mod testing;
 pub mod trace;
+pub mod tuning;
 pub mod ui;
 pub mod vsp;
 pub(crate) mod watchdog;

@@ -17,6 +17,7 @@
 //! | end by the superior actor | `ENDS` | a fast motor must not stop at once |
 
 use super::control::Control;
+use super::tuning::Tuning;
 use crate::error::{Error, NonFatal};
 use crate::generators::{
     Behaviour, Compliance, Generator, Inputs, Next, Outcome, Sensing, Target, built_in,
@@ -25,6 +26,8 @@ use crate::generators::{
     profile::Profile,
 };
 use crate::motion::{ArmState, MoveCommand, PERIOD};
+use crate::operator::Parameter;
+use crate::operator::parameter::Factors;
 use crate::spatial::{Pose, Wrench};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -44,6 +47,11 @@ pub struct MoveInstruction {
     hand: Option<NearHand>,
     /// Largest change of the force on a motion through free space (N); `None` for other motions.
     free_limit: Option<f64>,
+    /// Present factors of the operator's parameters.
+    factors: Factors,
+    /// Share of the planned speed, without the operator's factor; `None` for a motion that keeps
+    /// its speed.
+    free_speed: Option<f64>,
     /// Number of macrosteps in a row at the pace 0.
     stopping: u32,
     /// The behaviour, and the force at its beginning once a reading is finite (N).
@@ -68,6 +76,8 @@ pub struct Manner {
     pub compliance: Compliance,
     /// Full speeds.
     pub speeds: Speeds,
+    /// Share of the planned speed of motions through free space.
+    pub free_speed: f64,
     /// Zone of the operator's hand; `None` for an arm that has none.
     pub hand: Option<NearHand>,
     /// Generators that are registered by name.
@@ -101,6 +111,7 @@ pub fn example_manner() -> Manner {
             angular_acceleration: 1.4,
             profile: Profile { ramp: 5.0 },
         },
+        free_speed: 1.0,
         hand: None,
         library: built_in::library(),
     }
@@ -228,9 +239,27 @@ impl MoveInstruction {
             Behaviour::Joints { .. } | Behaviour::Legs { .. } | Behaviour::Line { .. }
         ) || generator.touch() == Some(Touch::Free);
         let free_limit = free.then_some(manner.compliance.force_limit);
+        // Both arms slow down in the same ratio, and so stay on their common path. A registered
+        // generator takes a falling pace for a pause, so it keeps its speed.
+        let paced = matches!(
+            behaviour,
+            Behaviour::Joints { .. } | Behaviour::Legs { .. } | Behaviour::Line { .. }
+        );
+        let free_speed = paced.then_some(manner.free_speed);
         let begun = (behaviour.clone(), None);
-        let (pace, ending, stopping) = (ramp, false, 0);
-        Ok(Self { generator, ramp, pace, ending, hand, free_limit, stopping, begun })
+        let (pace, ending, stopping, factors) = (ramp, false, 0, Factors::default());
+        Ok(Self {
+            generator,
+            ramp,
+            pace,
+            ending,
+            hand,
+            free_limit,
+            factors,
+            free_speed,
+            stopping,
+            begun,
+        })
     }
 
     /// Returns whether [`MoveInstruction::set_pace`] has brought the motion to rest.
@@ -281,6 +310,12 @@ impl MoveInstruction {
         };
     }
 
+    /// Makes the next macrostep follow the operator's parameters.
+    fn tune(&mut self, factors: &Factors) {
+        self.factors = *factors;
+        self.generator.tune(factors);
+    }
+
     /// Calls the generator once. Returns the command for the next macrostep, and a configuration
     /// for the stand-alone camera if the generator wants another one. `target` is the latest pose
     /// of the cube that this camera has seen.
@@ -308,18 +343,40 @@ impl MoveInstruction {
         if let Some(excess) = self.hand.and_then(|hand| hand.excess(arm, judged)) {
             return Err(excess);
         }
-        if self.free_limit.is_some_and(|limit| change.norm() > limit) {
+        let limit = self.free_limit.map(|limit| limit * self.factors[Parameter::ForceLimit]);
+        if limit.is_some_and(|limit| change.norm() > limit) {
             return Err(Outcome::OverForce(change.iamax(), change.norm()));
         }
         self.stopping = if self.pace == 0 { self.stopping + 1 } else { 0 };
         let share = f64::from(self.pace) / f64::from(self.ramp);
         // A smoothstep, 3 s^2 - 2 s^3: a linear pace would make the acceleration jump at both ends.
-        let pace = share * share * (3.0 - 2.0 * share);
+        let mut pace = share * share * (3.0 - 2.0 * share);
+        if let Some(speed) = self.free_speed {
+            // The motion was checked at its planned speed, so it must not become faster.
+            pace *= (speed * self.factors[Parameter::FreeSpeed]).min(1.0);
+        }
         let inputs = Inputs { arm, target, period: arm.period, pace };
         match self.generator.next(&inputs) {
             (Next::Go(command), sensing) => Ok((command, sensing)),
             (Next::Done(outcome), _) => Err(outcome),
         }
+    }
+
+    /// Calls the generator once, as [`MoveInstruction::step`] does, under the operator's parameters
+    /// as `tuning` follows them.
+    ///
+    /// # Errors
+    /// The [`Outcome`] of a motion that has ended.
+    pub fn step_under(
+        &mut self,
+        tuning: &mut Tuning,
+        arm: &ArmState,
+        target: Option<&Target>,
+    ) -> Result<(MoveCommand, Option<Sensing>), Outcome> {
+        self.tune(&tuning.factors(arm.period));
+        let (mut command, sensing) = self.step(arm, target)?;
+        tuning.grip(&mut command, arm);
+        Ok((command, sensing))
     }
 
     /// Returns whether `error` is a refusal of the last command by the servo that the generator can
@@ -405,6 +462,86 @@ mod tests {
             None,
             "a behaviour that only holds its place has no limit"
         );
+    }
+
+    /// Steps a behaviour with the operator's factor of a parameter; returns the last command.
+    fn tuned(behaviour: &Behaviour, parameter: Parameter, factor: f64) -> MoveCommand {
+        let mut motion = begin(behaviour);
+        let arm = ArmState { jaw_opening: 0.057, ..ArmState::default() };
+        let mut step = || {
+            motion.tune(&Factors::default().with(parameter, factor));
+            motion.step(&arm, None).unwrap().0
+        };
+        // After these macrosteps a turn has its full speed.
+        for _ in 0..20 {
+            step();
+        }
+        step()
+    }
+
+    /// Returns the laws of the six directions of a task motion.
+    fn laws(command: &MoveCommand) -> [crate::motion::Direction; 6] {
+        let Motion::Task { directions, .. } = command.motion else { panic!("{command:?}") };
+        directions
+    }
+
+    #[test]
+    fn motion_under_way_follows_operator_parameters() {
+        use crate::motion::Direction::{Contact, Guarded};
+        let selector = [true; 6];
+        let press = Behaviour::Secure { press: 8.0, force: 40.0, selector, stops: Depth::One };
+        let turn = Behaviour::Turn {
+            angle: 1.5,
+            speed: 0.7,
+            acceleration: 30.0,
+            torque: 2.0,
+            least_torque: 0.0,
+            selector,
+            stiff: false,
+        };
+
+        for (factor, force) in [(1.0, 8.0), (1.5, 12.0)] {
+            let command = tuned(&press, Parameter::ApproachForce, factor);
+            assert!(matches!(laws(&command)[2], Contact { wanted, .. } if wanted == force));
+        }
+        let admittance = |parameter, axis: usize| match laws(&tuned(&press, parameter, 0.5))[axis] {
+            Contact { admittance, .. } => admittance,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(admittance(Parameter::LinearAdmittance, 0), 0.0005);
+        assert_eq!(admittance(Parameter::AngularAdmittance, 4), 0.025);
+        // The speed over the admittance is the torque at which the turn stops.
+        let law = |parameter, factor| match laws(&tuned(&turn, parameter, factor))[5] {
+            Guarded { velocity, admittance, .. } => (velocity, velocity / admittance),
+            other => panic!("{other:?}"),
+        };
+        let (speed, torque) = law(Parameter::TurnSpeed, 1.0);
+        assert!(law(Parameter::TurnSpeed, 0.5).0 < 0.51 * speed);
+        assert!((law(Parameter::TurnTorque, 0.6).1 - 0.6 * torque).abs() < 1e-9);
+    }
+
+    #[test]
+    fn free_motion_follows_operator_speed_and_limit() {
+        let target = JointPositions([0.5; AXES]);
+        let joints = Behaviour::Joints { target, speed: 1.0, seconds: 1.0 };
+        let at = |factor| match tuned(&joints, Parameter::FreeSpeed, factor).motion {
+            Motion::Joints(joints) => joints.0[1],
+            other => panic!("{other:?}"),
+        };
+        // A macrostep at half of the speed counts as half of one.
+        assert!(at(0.5) < 0.5 * at(1.0) && at(0.5) > 0.0);
+        assert_eq!(at(3.0), at(1.0), "a motion is never faster than it was planned");
+
+        let pushed = |factor: f64| {
+            let mut motion = begin(&joints);
+            motion.tune(&Factors::default().with(Parameter::ForceLimit, factor));
+            let push = Wrench::from_directions([0.0, 19.0, 0.0, 0.0, 0.0, 0.0]);
+            let arm = ArmState { wrench_in_tool: push, ..ArmState::default() };
+            motion.step(&ArmState::default(), None).unwrap();
+            motion.step(&arm, None).err()
+        };
+        assert_eq!(pushed(1.0), None, "the limit is 20 N");
+        assert_eq!(pushed(0.9), Some(Outcome::OverForce(1, 19.0)));
     }
 
     /// Near the operator a lower limit ends a motion, except one that yields or opens the jaws.

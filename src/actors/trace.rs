@@ -14,6 +14,7 @@ use crate::generators::Behaviour;
 use crate::hw::camera::Frame;
 use crate::kernel::Picture;
 use crate::operator::Question;
+use crate::operator::parameter::Courses;
 use crate::record::recorder::{Entry, Recorder};
 use crate::record::run_hash::RunHash;
 use crate::record::sensed::{self as kept, Sensed};
@@ -116,6 +117,13 @@ impl Trace {
     pub(crate) fn asks(&self, question: Option<Question>) {
         if let Some(latest) = &self.latest {
             latest.lock().question = question;
+        }
+    }
+
+    /// Writes the courses of the operator's parameters, for the UI.
+    pub(crate) fn tuned(&self, courses: Courses) {
+        if let Some(latest) = &self.latest {
+            latest.lock().courses = Some(courses);
         }
     }
 

@@ -15,12 +15,15 @@ use super::latest::LatestValues;
 use super::notice::Notice;
 use super::present::Presenter;
 use super::trace::Trace;
+use super::tuning::Orders;
 use crate::desk::{Desk, Inputs, RunEnd, UiEnd};
 use crate::emergency_stop::{StopButton, StopSignal};
 use crate::hw::text::printable;
+use crate::operator::parameter::AllBounds;
 use crate::operator::{Input, OutcomeView};
 use crate::record::recorder::Recorder;
 use crate::record::run_hash::RunHash;
+use std::borrow::Cow;
 use std::io::{BufRead, Write};
 use std::sync::Arc;
 use std::time::Duration;
@@ -41,6 +44,10 @@ pub struct OperatorControls {
     pub to_task: mpsc::Sender<Input>,
     /// Limit of the speed of simulated time.
     pub tempo: Tempo,
+    /// Orders of parameters.
+    pub orders: Arc<watch::Sender<Orders>>,
+    /// Bounds of the parameters.
+    pub bounds: AllBounds,
 }
 
 /// The parts of the UI.
@@ -149,7 +156,7 @@ impl Shell {
             self.hash.message("operator", "ui", input);
         }
         if let Some(presenter) = &mut self.presenter {
-            presenter.obeyed(input, done.map(drop));
+            presenter.obeyed(input, &done.map(drop));
         }
     }
 
@@ -208,7 +215,7 @@ fn print(notice: &Notice) {
 ///
 /// A start of a running run changes nothing and is not recorded, since the end of stdin gives one
 /// at any time.
-fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, &'static str> {
+fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, Cow<'static, str>> {
     let set = |to| {
         controls.control.send_if_modified(|control| {
             let changes = *control != to;
@@ -216,21 +223,21 @@ fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, &'static st
             changes
         })
     };
-    let to_task = |refusal| match controls.to_task.try_send(input.clone()) {
+    let to_task = |refusal: &'static str| match controls.to_task.try_send(input.clone()) {
         Ok(()) => Ok(true),
-        Err(_) => Err(refusal),
+        Err(_) => Err(refusal.into()),
     };
     let now = *controls.control.borrow();
     match (input, now) {
         // A start, which a bare Enter gives, must not move an arm that was paused.
-        (Input::Start, Control::Paused) => Err("the run has begun: resume it"),
+        (Input::Start, Control::Paused) => Err("the run has begun: resume it".into()),
         // A terminate is final.
         (Input::Start | Input::Resume | Input::Pause, Control::Terminated) => {
-            Err("the run is terminated")
+            Err("the run is terminated".into())
         }
         (Input::Start | Input::Resume, _) => Ok(set(Control::Running)),
         (Input::Pause | Input::Manual { .. }, Control::Waiting) => {
-            Err("the run has not begun: start it first")
+            Err("the run has not begun: start it first".into())
         }
         (Input::Pause, _) => Ok(set(Control::Paused)),
         (Input::Terminate, _) => Ok(set(Control::Terminated)),
@@ -243,15 +250,23 @@ fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, &'static st
         (Input::EmergencyStop, _) => Ok(true),
         (Input::Answer { .. }, _) => to_task("no question waits for an answer"),
         // A queued order would move an arm unexpectedly, as soon as the run is resumed.
-        (Input::Manual { .. }, Control::Paused) => Err("the run is paused: resume it first"),
+        (Input::Manual { .. }, Control::Paused) => Err("the run is paused: resume it first".into()),
         (Input::Manual { .. }, _) => to_task("the arms are busy"),
         (Input::Speed { factor }, _) if is_speed(*factor) => {
             controls.tempo.set(*factor);
             Ok(true)
         }
-        (Input::Speed { .. }, _) => Err("the least speed is 0.01 times real time; 0 is unlimited"),
+        (Input::Speed { .. }, _) => {
+            Err("the least speed is 0.01 times real time; 0 is unlimited".into())
+        }
+        (Input::Parameter { .. }, Control::Terminated) => Err("the run is terminated".into()),
+        (Input::Parameter { parameter, value }, _) => {
+            controls.bounds[*parameter].check(*value).map_err(|why| why.to_string())?;
+            controls.orders.send_modify(|orders| orders.order(*parameter, *value));
+            Ok(true)
+        }
         // These are inputs of a replay.
-        (Input::Quit | Input::Seek { .. }, _) => Err("a run cannot do this, only a replay"),
+        (Input::Quit | Input::Seek { .. }, _) => Err("a run cannot do this, only a replay".into()),
     }
 }
 
@@ -309,13 +324,17 @@ fn listen(lines: impl BufRead, desk: &UiEnd, alone: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::operator::Parameter;
+    use crate::operator::parameter::Bounds;
 
     /// Returns the operator's controls of a run in the state `control`, and the receiver of the
     /// inputs that go to its task.
     fn controls(control: Control) -> (OperatorControls, mpsc::Receiver<Input>) {
         let control = Arc::new(watch::channel(control).0);
         let (to_task, task) = mpsc::channel(4);
-        (OperatorControls { control, to_task, tempo: Tempo::default() }, task)
+        let (orders, bounds) =
+            (Arc::new(watch::channel(Orders::default()).0), AllBounds::default());
+        (OperatorControls { control, to_task, tempo: Tempo::default(), orders, bounds }, task)
     }
 
     /// Stdin of a process in the background of its terminal, which comes to the foreground later.
@@ -366,6 +385,28 @@ mod tests {
     fn emergency_stop_works_before_the_run_starts() {
         assert_eq!(after("e\n", false), (Control::Running, true));
         assert_eq!(after("p\ne\nt\n", false), (Control::Terminated, true));
+    }
+
+    #[test]
+    fn parameter_order_out_of_bounds_is_refused() {
+        let (mut controls, _task) = controls(Control::Paused);
+        let grip = Parameter::Grip;
+        controls.bounds.0[grip as usize] = Bounds { usual: 40.0, least: 30.0, most: 55.0 };
+        let order = |value| {
+            let before = *controls.orders.borrow();
+            let done = apply(&Input::Parameter { parameter: grip, value }, &controls);
+            let ordered: Vec<_> = controls.orders.borrow().since(&before).collect();
+            (done, ordered)
+        };
+
+        let refused = Err("56 is outside 30..55".into());
+        assert_eq!(order(56.0), (refused, vec![]));
+        let given = vec![Input::Parameter { parameter: grip, value: 50.0 }];
+        assert_eq!(order(50.0), (Ok(true), given));
+        let refused = Err("the value is not a number".into());
+        assert_eq!(order(f64::NAN), (refused, vec![]));
+        controls.control.send_replace(Control::Terminated);
+        assert_eq!(order(50.0), (Err("the run is terminated".into()), vec![]));
     }
 
     #[test]
@@ -430,7 +471,7 @@ mod tests {
         assert_eq!(after("t\n", true), (Control::Terminated, false));
         for input in [Input::Start, Input::Resume, Input::Pause] {
             let told = apply(&input, &controls(Control::Terminated).0);
-            assert_eq!(told, Err("the run is terminated"), "{input:?}");
+            assert_eq!(told, Err("the run is terminated".into()), "{input:?}");
         }
     }
 }

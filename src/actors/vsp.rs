@@ -30,6 +30,7 @@ use crate::generators::{Mode, Sensing, Target, Window};
 use crate::hw::camera::{Frame, FrameSource};
 use crate::kernel::{Effort, Forces, View, WristLoad};
 use crate::motion::{ArmState, PERIOD};
+use crate::operator::Parameter;
 use crate::record::playback::Played;
 use crate::record::sensed as kept;
 use crate::spatial::Pose;
@@ -163,6 +164,8 @@ pub struct Parts {
     pub frame_periods: u64,
     /// Index of the camera.
     pub camera: usize,
+    /// Multiple of each ordered exposure.
+    pub exposure: f64,
     /// The services of the run.
     pub services: Services,
 }
@@ -178,6 +181,7 @@ struct Vsp {
     face: Effort,
     frame_periods: u64,
     camera: usize,
+    exposure: f64,
     services: Services,
     fault: Arc<ActorFault>,
     heartbeat: Heartbeat,
@@ -221,6 +225,7 @@ pub(crate) fn spawn(name: &str, parts: Parts) -> VspHandle {
         face: parts.face,
         frame_periods: parts.frame_periods.max(1),
         camera: parts.camera,
+        exposure: parts.exposure,
         services: parts.services,
         fault,
         heartbeat: watchdog.heartbeat(&name),
@@ -340,9 +345,9 @@ impl Vsp {
         let asked = format!("{sensing:?}");
         let played = self.services.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
         let unrecorded = matches!(played, Some(Played::Nothing));
-        let taken = self.taken;
+        let (taken, exposure) = (self.taken, self.exposed(sensing.exposure, period));
         let work = self.services.work.run(WORKER, move || {
-            let (found, frame) = match source.grab(period, sensing.exposure) {
+            let (found, frame) = match source.grab(period, exposure) {
                 // Under verification the recorded answer replaces that of the camera.
                 _ if played.is_some() => (played.map_or_else(not_recorded, recorded_cube), None),
                 // A repeated picture is neither searched nor shown again.
@@ -390,6 +395,13 @@ impl Vsp {
         }
     }
 
+    /// Returns the exposure of a picture for which a task orders `exposure`: the scenario and the
+    /// operator may choose a multiple of it.
+    fn exposed(&mut self, exposure: f64, period: u64) -> f64 {
+        let factors = self.services.tuning.factors(period);
+        exposure * self.exposure * factors[Parameter::Exposure]
+    }
+
     /// Publishes the pose and speed of the cube; `period` is that of the picture's exposure.
     fn publish(&self, sensing: &Sensing, seen: &Watched, period: u64) {
         self.services.trace.message(&self.name, "look", sensing);
@@ -416,9 +428,10 @@ impl Vsp {
         let asked = format!("{view:?}");
         let played = self.services.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
         let unrecorded = matches!(played, Some(Played::Nothing));
+        let exposure = self.exposed(view.exposure, period);
         let work = self.services.work.run(WORKER, move || {
             let mut took = None;
-            let (reading, frame) = match source.grab(period, view.exposure) {
+            let (reading, frame) = match source.grab(period, exposure) {
                 _ if played.is_some() => (played.map_or_else(not_recorded, recorded_face), None),
                 // A repeated picture is no fault here: a look has no filter that counts twice.
                 Ok(frame) if unusable(&frame, period).is_some() => {
@@ -654,6 +667,7 @@ mod tests {
             face: Effort(0.0),
             frame_periods: 20,
             camera: 0,
+            exposure: 1.0,
             services,
         };
         (spawn("mpc", parts), watchdog)

@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 
 /// Headings of the list, each with its commands.
 const GROUPS: [(&str, &[&str]); 6] = [
-    ("Run", &["run", "check", "keys"]),
+    ("Run", &["run", "check", "keys", "parameters"]),
     ("Measure", &["campaign", "benchmark", "weigh", "doctor"]),
     ("Cube", &["solve", "plan", "scramble", "tables"]),
     ("Vision", &["vision", "calibrate", "picture"]),

@@ -29,6 +29,7 @@ mod merge;
 mod mix;
 mod node;
 mod output;
+mod parameters;
 mod picture;
 mod plan;
 mod progress;
@@ -139,6 +140,17 @@ Exit codes: 0 listed, 2 no key has the word in its name.")]
         /// Part of a key's name, in lower case [default: all keys]
         word: Option<String>,
     },
+    /// List the parameters that the operator may change while a run of a scenario goes on
+    #[command(after_help = "\
+Examples:
+  rubik-robot parameters scenarios/solve.toml
+  rubik-robot parameters scenarios/solve.toml --set control.profile=workshop
+
+Each parameter has two lines: its name and its value at the beginning of a run; its meaning, and in
+parentheses the scenario's key of this value, the bounds of an order, and the greatest rate at which
+the value changes. The bounds are narrower where the scenario's checks require it.
+Exit codes: 0 listed, 2 the scenario has an error or cannot be read.")]
+    Parameters(ScenarioArgs),
     /// Compute the kinematics of an arm for rows of numbers on stdin
     #[command(after_help = "\
 Rows are CSV; angles are in rad, lengths in m. Joint positions are q1 to q6, and for an arm on a
@@ -314,6 +326,7 @@ pub fn main(catalogue: Catalogue) -> ExitCode {
         Command::Weigh(args) => weigh::run(&args, &mut output),
         Command::Check(args) => check::run(&args, &mut output),
         Command::Keys { word } => keys::run(word.as_deref(), &mut output),
+        Command::Parameters(args) => parameters::run(&args, &mut output),
         Command::Kinematics(args) => kinematics::run(&args, &mut output),
         Command::Solve(args) => solve::run(&args, &mut output),
         Command::Plan(args) => plan::run(&args, &mut output),

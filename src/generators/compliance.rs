@@ -5,6 +5,8 @@
 
 use super::outcome::Outcome;
 use crate::motion::{ArmState, Direction, Frame, JawCommand, Motion, MoveCommand};
+use crate::operator::Parameter;
+use crate::operator::parameter::Factors;
 use crate::spatial::Wrench;
 use serde::{Deserialize, Serialize};
 
@@ -49,6 +51,18 @@ pub fn guarded_admittance(speed: f64, force: f64) -> f64 {
 pub type Selector = [bool; 6];
 
 impl Compliance {
+    /// Returns the compliance under the factors of the operator's parameters.
+    #[must_use]
+    pub fn tuned(&self, factors: &Factors) -> Self {
+        Self {
+            linear_admittance: self.linear_admittance * factors[Parameter::LinearAdmittance],
+            angular_admittance: self.angular_admittance * factors[Parameter::AngularAdmittance],
+            force_limit: self.force_limit * factors[Parameter::ForceLimit],
+            jaw_close_speed: self.jaw_close_speed * factors[Parameter::JawCloseSpeed],
+            ..*self
+        }
+    }
+
     /// Returns the six directions of a task motion: the selected ones seek zero force, the others
     /// hold.
     #[must_use]

@@ -62,6 +62,11 @@ impl Comply {
         Self { pull, ..Self::until_ended(selector, compliance) }
     }
 
+    /// Makes the next macrosteps follow another compliance.
+    pub(super) fn tune(&mut self, compliance: Compliance) {
+        self.compliance = compliance;
+    }
+
     /// Returns the command of the next macrostep, or how the behaviour ended (see
     /// [`super::Generator::next`]).
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {

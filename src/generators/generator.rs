@@ -4,12 +4,14 @@
 //! - out: the command of the next macrostep, or how the behaviour ended
 
 use super::behaviour::Behaviour;
+use super::compliance::Compliance;
 use super::inputs::{Inputs, Sensing};
 use super::outcome::{Next, Outcome};
 use super::own::{Library, Running, Site, Touch};
 use super::pace::slowed;
 use super::{comply, grasp, position, secure, swing, turn, visual_servo};
 use crate::motion::MoveRefused;
+use crate::operator::parameter::Factors;
 use crate::spatial::is_rigid;
 
 /// Generator of a behaviour, with its memory.
@@ -17,6 +19,8 @@ use crate::spatial::is_rigid;
 pub struct Generator {
     kind: Kind,
     swing: swing::Swing,
+    /// Compliance of the scenario.
+    compliance: Compliance,
 }
 
 /// The generator of one kind of motion.
@@ -114,7 +118,23 @@ impl Generator {
         site: &Site<'_>,
         library: &Library,
     ) -> Result<Self, String> {
-        Ok(Self { kind: Kind::of(behaviour, site, library)?, swing: swing::Swing::default() })
+        let kind = Kind::of(behaviour, site, library)?;
+        Ok(Self { kind, swing: swing::Swing::default(), compliance: site.compliance })
+    }
+
+    /// Makes the next macrosteps follow the operator's parameters.
+    pub fn tune(&mut self, factors: &Factors) {
+        let compliance = self.compliance.tuned(factors);
+        match &mut self.kind {
+            // Position control has no compliance. Its speed follows by the pace.
+            Kind::Position(_) => {}
+            Kind::Grasp(g) => g.tune(compliance),
+            Kind::Secure(g) => g.tune(compliance, factors),
+            Kind::Turn(g) => g.tune(compliance, factors),
+            Kind::Comply(g) => g.tune(compliance),
+            Kind::VisualServo(g) => g.tune(compliance),
+            Kind::Own(g) => g.tune(&compliance),
+        }
     }
 
     /// Returns the command of the next macrostep, or how the behaviour ended; and, from a generator

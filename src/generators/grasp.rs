@@ -112,6 +112,11 @@ impl Grasp {
         }
     }
 
+    /// Makes the next macrosteps follow another compliance.
+    pub(super) fn tune(&mut self, compliance: Compliance) {
+        self.compliance = compliance;
+    }
+
     /// Returns the command of the next macrostep, or how the grasp ended (see
     /// [`super::Generator::next`]).
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {

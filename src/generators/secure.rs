@@ -18,6 +18,8 @@ use super::compliance::{Compliance, Selector};
 use super::inputs::Inputs;
 use super::outcome::{Next, Outcome};
 use crate::motion::{Depth, Direction, JawCommand, PERIOD};
+use crate::operator::Parameter;
+use crate::operator::parameter::Factors;
 use nalgebra::Vector3;
 
 /// Number of readings in a row that must show contact: a single one may be noise.
@@ -59,6 +61,8 @@ pub struct Secure {
     mode: Mode,
     selector: Selector,
     compliance: Compliance,
+    /// Factor of the ordered contact and pressing forces.
+    firmness: f64,
     /// Set position of the tool in the base at the beginning (m); `None` before the first call.
     start: Option<Vector3<f64>>,
     /// Distance between the pads at the beginning (m).
@@ -120,6 +124,7 @@ impl Secure {
             mode,
             selector,
             compliance,
+            firmness: 1.0,
             start: None,
             opening: 0.0,
             steps: 0,
@@ -127,6 +132,11 @@ impl Secure {
             clenching: None,
             settled: 0,
         }
+    }
+
+    /// Makes the next macrosteps follow another compliance and the operator's contact force.
+    pub(super) fn tune(&mut self, compliance: Compliance, factors: &Factors) {
+        (self.compliance, self.firmness) = (compliance, factors[Parameter::ApproachForce]);
     }
 
     /// Returns the command of the next macrostep, or how the contact ended (see
@@ -146,6 +156,7 @@ impl Secure {
         match self.mode {
             Mode::Approach { speed, distance, force }
             | Mode::Withdraw { speed, distance, force } => {
+                let force = force * self.firmness;
                 // A retraction is an approach with the opposite sense: its force is a pull.
                 let sense = if matches!(self.mode, Mode::Approach { .. }) { 1.0 } else { -1.0 };
                 // A command moves the set pose, so the distance is measured between set poses.
@@ -178,7 +189,7 @@ impl Secure {
     /// time.
     fn seat(&mut self, seat: &Seat, mut directions: [Direction; 6], contact: f64) -> Next {
         let step = f64::from(self.compliance.macrostep) * PERIOD;
-        let wanted = if self.clenching.is_some() { 0.0 } else { seat.press };
+        let wanted = if self.clenching.is_some() { 0.0 } else { seat.press * self.firmness };
         // A direction that does not yield cannot seek a force, so only the time ends it.
         let near = self.selector[2] && (contact - wanted).abs() < NEAR;
         self.settled = if near { self.settled + 1 } else { 0 };

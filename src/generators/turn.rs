@@ -21,6 +21,8 @@ use super::compliance::{Compliance, Selector};
 use super::inputs::Inputs;
 use super::outcome::{Next, Outcome};
 use crate::motion::{ArmState, Direction, PERIOD};
+use crate::operator::Parameter;
+use crate::operator::parameter::Factors;
 
 /// Smallest progress (rad) in [`STALL_SECONDS`] of a turn that has not stalled.
 const STALL_ANGLE: f64 = 0.0175;
@@ -80,6 +82,8 @@ pub struct Order {
 #[derive(Debug, Clone)]
 pub struct Turn {
     order: Order,
+    /// Speed (rad/s) and torque (Nm) as they were ordered, before the operator's parameters.
+    ordered_at_first: (f64, f64),
     compliance: Compliance,
     /// Sum and number of the torques in the middle of the turn (Nm).
     torques: (f64, u32),
@@ -122,6 +126,7 @@ impl Turn {
     pub fn new(order: Order, compliance: Compliance) -> Self {
         Self {
             order,
+            ordered_at_first: (order.speed, order.torque),
             compliance,
             torques: (0.0, 0),
             start: None,
@@ -135,6 +140,13 @@ impl Turn {
             strained: 0,
             broken_off: None,
         }
+    }
+
+    /// Makes the next macrosteps follow another compliance and the operator's speed and torque.
+    pub(super) fn tune(&mut self, compliance: Compliance, factors: &Factors) {
+        self.compliance = compliance;
+        self.order.speed = self.ordered_at_first.0 * factors[Parameter::TurnSpeed];
+        self.order.torque = self.ordered_at_first.1 * factors[Parameter::TurnTorque];
     }
 
     /// Returns the command of the next macrostep, or how the turn ended (see

@@ -190,6 +190,11 @@ impl VisualServo {
         }
     }
 
+    /// Makes the next macrosteps follow another compliance, with the virtual mass of the order.
+    pub(super) fn tune(&mut self, compliance: Compliance) {
+        self.compliance = Compliance { linear_inertia: self.order.inertia, ..compliance };
+    }
+
     /// Returns whether the servo goes on after this refusal: a limit of reach, joint, motor or
     /// speed on the path that follows the cube, since a moving cube may come back into reach.
     #[must_use]

@@ -3,7 +3,7 @@
 //! The page, the terminal, the keys on stdin, the recording, and the actor that obeys the inputs
 //! share one type.
 
-use super::Answer;
+use super::{Answer, Parameter};
 use serde::{Deserialize, Serialize};
 
 /// An input of the operator.
@@ -45,6 +45,13 @@ pub enum Input {
         /// Limit as a multiple of real time; 0 for no limit.
         factor: f64,
     },
+    /// Orders a value of a parameter, toward which the parameter moves with its bounded rate.
+    Parameter {
+        /// The parameter.
+        parameter: Parameter,
+        /// Ordered value, in the unit of the parameter.
+        value: f64,
+    },
     /// Leaves the UI of a run that is over, or of a replay.
     Quit,
     /// Jumps to a time of a replay.
@@ -67,6 +74,7 @@ impl Input {
             Self::Answer { .. } => "answer",
             Self::Manual { .. } => "manual",
             Self::Speed { .. } => "speed",
+            Self::Parameter { .. } => "parameter",
             Self::Quit => "quit",
             Self::Seek { .. } => "seek",
         }
@@ -85,6 +93,9 @@ impl Input {
             }
             Self::Answer { answer: Answer::Stickers { stickers }, .. } => {
                 format!("the stickers are {stickers}")
+            }
+            Self::Parameter { parameter, value } => {
+                format!("parameter {} to {value}", parameter.declaration().name)
             }
             Self::Manual { effector, order } => format!("arm {effector}: {}", order.describe()),
             other => other.name().to_owned(),
@@ -175,6 +186,7 @@ mod tests {
             (r#"{"speed":{"factor":0.5}}"#, "speed 0.5 x"),
             (r#"{"speed":{"factor":0.0}}"#, "speed unlimited"),
             (r#"{"seek":{"time":1.5}}"#, "seek"),
+            (r#"{"parameter":{"parameter":"grip_n","value":45.5}}"#, "parameter grip_n to 45.5"),
             (
                 r#"{"answer":{"question":1,"answer":{"answer":"declined"}}}"#,
                 "does not know the answer",

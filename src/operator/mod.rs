@@ -5,10 +5,12 @@
 //! - [`Snapshot`]: the controller's *belief* at one moment; only the poses of loose objects in it
 //!   are the plant's truth, and shown as that
 //! - [`Input`]: an input of the operator
+//! - [`Parameter`]: a value that the operator may change while a run goes on
 //! - [`Question`]: a question of the controller, with its [`Answer`]
 //! - source: the UI process of Zieliński et al. (2007), p. 369, and the operator's panel there
 
 mod input;
+pub mod parameter;
 mod question;
 mod remedy;
 mod snapshot;
@@ -16,13 +18,15 @@ mod solids;
 mod stage;
 
 pub use input::{Input, Manual, Step};
+pub use parameter::Parameter;
 pub use question::{Answer, Question, Subject};
 pub use remedy::{remedy, run_remedy};
 pub use snapshot::{
     ActorView, ArmView, CameraView, Class, ControlView, CubeView, HandView, LayerTurn, Mark,
-    Message, Net, OutcomeView, PlanLine, Reading, Services, ServoTiming, Snapshot, State,
+    Message, Net, OutcomeView, ParameterView, PlanLine, Reading, Services, ServoTiming, Snapshot,
+    State,
 };
 pub use solids::{
     ArmJoints, FRAMES, Form, Shape, Solid, arm_frames, arm_solids, joints_of, object_solids,
 };
-pub use stage::{ArmStage, CameraStage, Limits, ObjectStage, Stage};
+pub use stage::{ArmStage, CameraStage, Limits, ObjectStage, ParameterStage, Stage};

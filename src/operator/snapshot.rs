@@ -57,6 +57,9 @@ pub struct Snapshot {
     pub question: Option<Question>,
     /// Inputs that are possible now.
     pub services: Services,
+    /// Parameters, in the order of [`Stage::parameters`](super::Stage::parameters).
+    #[serde(default)]
+    pub parameters: Vec<ParameterView>,
     /// Latest messages, oldest first.
     #[serde(with = "shared")]
     pub messages: Arc<Vec<Message>>,
@@ -82,6 +85,15 @@ mod shared {
     ) -> Result<Arc<T>, D::Error> {
         T::deserialize(from).map(Arc::new)
     }
+}
+
+/// A parameter that the operator may change while a run goes on, in its unit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ParameterView {
+    /// Present value.
+    pub value: f64,
+    /// Ordered value, toward which the present one moves.
+    pub ordered: f64,
 }
 
 /// State of a run under the operator's control.
@@ -280,6 +292,9 @@ pub struct Services {
     pub manual: bool,
     /// Whether the speed of time can be limited, because time is simulated.
     pub speed: bool,
+    /// Whether parameters can be changed.
+    #[serde(default)]
+    pub parameters: bool,
     /// Length of the replay, whose times can be jumped to (ms); `None` if this is no replay.
     pub seek_ms: Option<u64>,
 }

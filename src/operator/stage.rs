@@ -1,6 +1,7 @@
 //! The data of a run that do not change; each user interface receives them once.
 
-use super::Solid;
+use super::parameter::Bounds;
+use super::{Parameter, Solid};
 use crate::motion::AXES;
 use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};
@@ -37,6 +38,26 @@ pub struct Stage {
     pub hand_zone: Option<Pose>,
     /// Limits that are drawn in the curves.
     pub limits: Limits,
+    /// Parameters that the operator may change, in the order of
+    /// [`Snapshot::parameters`](super::Snapshot::parameters).
+    #[serde(default)]
+    pub parameters: Vec<ParameterStage>,
+}
+
+/// A parameter that the operator may change while a run goes on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ParameterStage {
+    /// The parameter, which is written as its name.
+    pub parameter: Parameter,
+    /// Unit; empty for a number without one.
+    pub unit: String,
+    /// Meaning in one sentence.
+    pub meaning: String,
+    /// Greatest rate at which the value changes, per second.
+    pub rate: f64,
+    /// Value of the scenario, and the values that may be ordered.
+    #[serde(flatten)]
+    pub bounds: Bounds,
 }
 
 /// An effector.

@@ -28,6 +28,7 @@ use crate::actors::control::{Control, Pacer};
 use crate::actors::mp::{Ending, Turning};
 use crate::actors::notice::Notice;
 use crate::actors::services::Services;
+use crate::actors::tuning::Tuning;
 use crate::actors::watchdog::Supervision;
 use crate::actors::work::Work;
 use crate::cube::Facelets;
@@ -278,8 +279,11 @@ impl Composition<'_> {
                 .then(|| Pacer::new(operator.tempo.clone(), operator.control.subscribe())),
         };
         // Under virtual time the gate records the inputs.
-        if scenario.pace == Pace::RealTime && recorder.is_on() {
-            operator.record_inputs(&clock);
+        if scenario.pace == Pace::RealTime {
+            operator.follow_orders(&clock);
+            if recorder.is_on() {
+                operator.record_inputs(&clock);
+            }
         }
         let (stop_button, playback) = (operator.stop_button.clone(), self.playback.clone());
         let parts = servos::Parts {
@@ -304,6 +308,7 @@ impl Composition<'_> {
             clock,
             work: Work::new(pace, &supervision.watchdog),
             control: self.operator.control.subscribe(),
+            tuning: Tuning::new(self.operator.tuner.courses.subscribe()),
             tempo: self.operator.tempo.clone(),
             trace: self.operator.trace.clone(),
             playback: self.playback.clone(),

@@ -5,6 +5,7 @@
 //!   recording
 //! - out: the inputs of each period, when the driver calls [`Gate::pass`]; each is recorded
 
+use super::orders::{Ordered, Tuner};
 use crate::actors::control::Control;
 use crate::emergency_stop::{EmergencyStop, StopSignal};
 use crate::operator::Input;
@@ -17,6 +18,8 @@ use tokio::sync::{mpsc, watch};
 pub(super) struct Gate {
     /// Channels from the operator.
     pub(super) outer: Outer,
+    /// Orders of parameters, those of the scenario too.
+    pub(super) orders: Ordered,
     /// Channels to the run.
     pub(super) inner: Inner,
     /// Recorder of the inputs that pass.
@@ -43,6 +46,8 @@ pub(super) struct Inner {
     pub(super) stop: EmergencyStop,
     /// Answers and orders.
     pub(super) to_task: mpsc::Sender<Input>,
+    /// Receiver of orders of parameters.
+    pub(super) tuner: Tuner,
 }
 
 impl Gate {
@@ -51,14 +56,14 @@ impl Gate {
     pub(super) fn pass(&mut self, period: u64) {
         for input in self.due(period) {
             self.recorder.record(period, || Entry::input(&input));
-            self.inner.take(input);
+            self.inner.take(input, period);
         }
     }
 
     /// Returns the inputs that take effect after `period`: those of the recording that is verified,
     /// if there is one, otherwise those that the operator has given.
     fn due(&mut self, period: u64) -> Vec<Input> {
-        let Some(playback) = &self.playback else { return self.given() };
+        let Some(playback) = &self.playback else { return self.given(period) };
         let mut due = Vec::new();
         while let Some(text) = playback.operator(period) {
             match serde_json::from_str(&text) {
@@ -74,8 +79,9 @@ impl Gate {
         due
     }
 
-    /// Returns the inputs that the operator gave since the last period.
-    fn given(&mut self) -> Vec<Input> {
+    /// Returns the inputs that the operator gave since the period before `period`, and the orders
+    /// of the scenario that are due.
+    fn given(&mut self, period: u64) -> Vec<Input> {
         let mut given = Vec::new();
         // A stop and a change of the control pass once: the inner side keeps them.
         if self.outer.stop.is_pressed() && !self.inner.stop.signal().is_pressed() {
@@ -93,13 +99,14 @@ impl Gate {
         {
             given.push(input);
         }
+        given.extend(self.orders.due(period));
         given
     }
 }
 
 impl Inner {
-    /// Applies an input to the run.
-    fn take(&self, input: Input) {
+    /// Applies an input to the run after `period`.
+    fn take(&self, input: Input, period: u64) {
         match input {
             Input::Resume => drop(self.control.send_replace(Control::Running)),
             Input::Pause => drop(self.control.send_replace(Control::Paused)),
@@ -107,6 +114,7 @@ impl Inner {
             Input::EmergencyStop => self.stop.button().press(),
             // The mailbox has room: the gate checked it now, or when the input was recorded.
             Input::Answer { .. } | Input::Manual { .. } => drop(self.to_task.try_send(input)),
+            Input::Parameter { parameter, value } => self.tuner.order(parameter, value, period),
             // No period passes before the start, so a start has no effect here. The other three are
             // not inputs of the controller.
             Input::Start | Input::Speed { .. } | Input::Quit | Input::Seek { .. } => {}

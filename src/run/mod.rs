@@ -25,6 +25,7 @@ mod node;
 mod nodes;
 mod operator;
 mod options;
+mod orders;
 mod outcome;
 mod peers;
 mod plan;

@@ -23,6 +23,7 @@ use crate::actors::mp::Turning;
 use crate::actors::remote::{Host, Introduction, Left, Offset, Receiver, Sender, ToHome, ToNode};
 use crate::actors::services::Services;
 use crate::actors::trace::Trace;
+use crate::actors::tuning::Tuning;
 use crate::actors::vsp::VspHandle;
 use crate::actors::watchdog::Supervision;
 use crate::actors::work::Work;
@@ -31,6 +32,7 @@ use crate::error::{Error, System};
 use crate::hw::driver::{Switches, Timing};
 use crate::motion::ArmState;
 use crate::net::{self, End};
+use crate::operator::parameter::Courses;
 use crate::reach::guard::Guard;
 use crate::record::recorder::Recorder;
 use crate::record::run_hash::RunHash;
@@ -234,17 +236,20 @@ impl Parts<'_> {
         let mut servos = self.start_servos(world, (&trace, &clock, switches), stop, control)?;
         let supervision = Supervision::of(scenario.pace);
         let (told, orders) = watch::channel(Control::Running);
+        let (ordered, courses) = watch::channel(Courses::new(&scenario.controller.bounds));
         let services = Services {
             clock: clock.clone(),
             work: Work::new(scenario.pace, &supervision.watchdog),
             control: orders,
+            tuning: Tuning::new(courses),
             tempo: Tempo::default(),
             trace: trace.clone(),
             playback: None,
             supervision,
         };
         let watchdog = services.supervision.watchdog.clone();
-        let host = self.actors((run, &mut servos), sources, &services, (told, stop))?;
+        let orders = (told, ordered);
+        let host = self.actors((run, &mut servos), sources, &services, (orders, stop))?;
         Ok(Begun { host, servos, trace, clock, watchdog, _log: log })
     }
 
@@ -295,7 +300,7 @@ impl Parts<'_> {
         (run, servos): (u64, &mut Servos),
         mut sources: Sources,
         services: &Services,
-        (control, stop): (watch::Sender<Control>, &EmergencyStop),
+        ((control, courses), stop): (Orders, &EmergencyStop),
     ) -> Result<Host, Error> {
         let config = &self.scenario.controller;
         let arms = &config.cell.arms;
@@ -335,6 +340,7 @@ impl Parts<'_> {
             vsps,
             states: others,
             control,
+            courses,
             offset: Offset::default(),
             clock: services.clock.clone(),
             switches: Arc::clone(&servos.switches),
@@ -379,6 +385,9 @@ impl Parts<'_> {
         (others, seen)
     }
 }
+
+/// The operator's control and parameters, as MP's node sends them to the actors of a node.
+type Orders = (watch::Sender<Control>, watch::Sender<Courses>);
 
 /// Running parts of a node.
 struct Begun {

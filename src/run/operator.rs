@@ -8,16 +8,19 @@
 use super::failure::not_created;
 use super::gate::{Gate, Inner, Outer};
 use super::options::{RunContext, RunOptions};
+use super::orders::{Ordered, Tuner};
 use super::recording;
 use crate::actors::clock::Clock;
 use crate::actors::control::{Control, Tempo};
 use crate::actors::latest::LatestValues;
 use crate::actors::present::{self, Presenter};
 use crate::actors::trace::Trace;
+use crate::actors::tuning::Orders;
 use crate::actors::ui::{OperatorControls, Parts, Ui};
 use crate::emergency_stop::{EmergencyStop, StopButton, StopSignal};
 use crate::error::Error;
 use crate::operator::Input;
+use crate::operator::parameter::Courses;
 use crate::record::playback::Playback;
 use crate::record::run_hash::RunHash;
 use crate::scenario::Scenario;
@@ -42,6 +45,10 @@ pub(super) struct OperatorChannels {
     pub(super) to_task: Option<mpsc::Receiver<Input>>,
     /// Limit of the speed of simulated time.
     pub(super) tempo: Tempo,
+    /// Orders of parameters.
+    orders: watch::Receiver<Orders>,
+    /// Receiver of the orders.
+    pub(super) tuner: Tuner,
 }
 
 /// Starts the UI actor of a run. Returns it with the channels that it serves.
@@ -58,6 +65,8 @@ pub(super) fn start_ui(
     let tempo = Tempo::default();
     tempo.set(options.speed);
     let (to_task, inputs) = mpsc::channel(INPUTS);
+    let orders = Arc::new(watch::channel(Orders::default()).0);
+    let bounds = scenario.controller.bounds;
     let latest = context.desk.as_ref().map(|_| LatestValues::default());
     // Without a desk there is no UI, so no snapshots are made.
     let presenter = context.desk.as_ref().zip(latest.clone()).map(|(desk, latest)| {
@@ -68,7 +77,13 @@ pub(super) fn start_ui(
     let parts = Parts {
         quiet: options.quiet,
         keys: !options.automatic,
-        controls: OperatorControls { control: Arc::clone(&control), to_task, tempo: tempo.clone() },
+        controls: OperatorControls {
+            control: Arc::clone(&control),
+            to_task,
+            tempo: tempo.clone(),
+            orders: Arc::clone(&orders),
+            bounds,
+        },
         desk: context.desk.clone(),
         presenter,
         latest,
@@ -86,6 +101,13 @@ pub(super) fn start_ui(
         control,
         to_task: attended.then_some(inputs),
         tempo,
+        orders: orders.subscribe(),
+        tuner: Tuner {
+            courses: Arc::new(watch::channel(Courses::new(&bounds)).0),
+            lag: scenario.controller.network.lag(),
+            trace: ui.trace.clone(),
+            script: scenario.orders.clone(),
+        },
     };
     Ok((ui, channels))
 }
@@ -115,6 +137,7 @@ impl OperatorChannels {
     /// Puts a gate between the operator and the run. From now on `self` has the channels behind the
     /// gate. With a `playback` the gate passes its recorded inputs instead of the operator's.
     pub(super) fn close_gate(&mut self, playback: Option<&Playback>) -> Gate {
+        let orders = self.ordered();
         let control = Arc::new(watch::channel(Control::Running).0);
         let (to_mp, inputs) = mpsc::channel(INPUTS);
         let inputs = self.to_task.is_some().then_some(inputs);
@@ -127,8 +150,19 @@ impl OperatorChannels {
             to_task: std::mem::replace(&mut self.to_task, inputs),
         };
         self.control = Arc::clone(&control);
-        let inner = Inner { control, stop, to_task: to_mp };
-        Gate { outer, inner, recorder: self.trace.recorder().clone(), playback: playback.cloned() }
+        let inner = Inner { control, stop, to_task: to_mp, tuner: self.tuner.clone() };
+        let recorder = self.trace.recorder().clone();
+        Gate { outer, orders, inner, recorder, playback: playback.cloned() }
+    }
+
+    /// Takes the orders of parameters under the wall clock, which has no gate for them.
+    pub(super) fn follow_orders(&self, clock: &Clock) {
+        tokio::spawn(self.tuner.clone().follow(self.ordered(), clock.clone()));
+    }
+
+    /// Returns the list of the orders of the operator and of the scenario.
+    fn ordered(&self) -> Ordered {
+        Ordered::new(self.orders.clone(), &self.tuner.script)
     }
 
     /// Records the inputs of a run under the wall clock, which has no gate to do so.

@@ -484,6 +484,8 @@ impl<'a> Playhead<'a> {
     fn new(show: &'a Show, to: &'a RunEnd) -> Self {
         let latest = LatestValues::default();
         let mut stage = present::stage(&show.scenario);
+        // A replay takes no orders; it shows those of the run as messages.
+        stage.parameters.clear();
         let presenter = Presenter::new(stage.clone(), &show.scenario.controller, latest.clone());
         stage.title.clone_from(&show.title);
         "replay".clone_into(&mut stage.pace);
@@ -576,7 +578,7 @@ impl<'a> Playhead<'a> {
         self.number += 1;
         snapshot.number = self.number;
         let seek_ms = Some((self.show.end * 1e3).round() as u64);
-        snapshot.services = Services { manual: false, speed: true, seek_ms };
+        snapshot.services = Services { manual: false, speed: true, parameters: false, seek_ms };
         if paused && snapshot.control != ControlView::Ended {
             snapshot.control = ControlView::Paused;
         }

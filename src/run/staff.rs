@@ -364,7 +364,7 @@ fn start_sensors(
                     }
                     continue;
                 }
-                let services = services.under(faults.vsps.get(camera));
+                let services = services.under(faults.vsps.get(camera)).across(nodes.of_vsp(index));
                 let vsp = camera_vsp(config, wanted, &mut sources.cameras, &services)?;
                 // An ECP on another node has its VSPs beside it.
                 let is_beside = matches!(owner, Owner::Ecp(i) if nodes.of_ecp(i).is_some());
@@ -453,6 +453,7 @@ fn sensor_parts(
         face: Effort(config.vision.face),
         frame_periods: periods(wanted.period),
         camera,
+        exposure: config.vision.exposure,
         services,
     }
 }

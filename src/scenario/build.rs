@@ -17,6 +17,7 @@ use super::lists::{CameraKeys, Effector, GripperKeys, MountKind, SensorKeys, Vsp
 use super::motion;
 use super::nodes;
 use super::objects::ObjectLists;
+use super::parameters;
 use super::plant::PlantKeys;
 use super::profile;
 use super::section::Reader;
@@ -56,12 +57,10 @@ pub(super) fn scenario(
     check::periods(root, reader);
     check::faults(&draft, &arms, reader);
     check::objects(&draft, reader);
-    motion::profile(root, reader);
-    motion::speeds(&root.control, &arms, reader);
-    motion::impact(&root.control, reader);
-    motion::self_excitation(root, &arms, reader);
+    motion::checks(root, &arms, reader);
     let (keeper, hand) = place(&root.hand, root.cell.table_height, root.cube.edge, reader);
     check::hand_force(&root.control, keeper, reader);
+    let (bounds, orders) = parameters::of(&draft, &arms, keeper, reader);
 
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
     // A hole in one of the lists below has its fault in `reader`, so `?` loses no message.
@@ -74,6 +73,7 @@ pub(super) fn scenario(
         real_time: root.real_time,
         bridge: root.bridge,
         devices_named: false,
+        orders,
         controller: ControllerConfig {
             task: label(task.declaration()),
             coordination: root.coordination,
@@ -91,6 +91,7 @@ pub(super) fn scenario(
             vsps: vsps.into_iter().collect::<Option<_>>()?,
             network,
             control: root.control,
+            bounds,
             visual_servo: root.visual_servo,
             vision: root.vision,
             sections: TaskSections::default(),

@@ -51,6 +51,7 @@ pub(super) fn effectors(draft: &Draft, reader: &mut Reader) {
     names("camera", draft.cameras.iter().map(|c| c.name.as_str()), reader);
     names("vsp", draft.vsps.iter().map(|v| v.name.as_str()), reader);
     names("node", draft.nodes.iter().map(|(_, n)| n.name.as_str()), reader);
+    names("order", draft.orders.iter().map(|(_, o)| o.name.as_str()), reader);
     if draft.effectors.is_empty() {
         reader.fault("effector", "a scenario needs at least one [[effector]]");
     } else if draft.effectors.len() > 2 {

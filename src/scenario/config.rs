@@ -12,6 +12,7 @@ use crate::cube::Facelets;
 use crate::generators::own::Library;
 use crate::kernel::Input;
 use crate::kernel::programme::Programmes;
+use crate::operator::parameter::AllBounds;
 use crate::servo::regulator::ServoGains;
 use std::path::PathBuf;
 
@@ -38,6 +39,8 @@ pub struct ControllerConfig {
     pub network: Network,
     /// Gains, speeds, limits.
     pub control: Control,
+    /// Bounds of the parameters that the operator may change while a run goes on.
+    pub bounds: AllBounds,
     /// Generator that follows the cube.
     pub visual_servo: VisualServo,
     /// Vision.

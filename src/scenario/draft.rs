@@ -8,6 +8,7 @@ use super::injected::FaultKeys;
 use super::lists::{CameraKeys, Effector, LISTS, Vsp};
 use super::node_keys::NodeKeys;
 use super::objects::{LeadKeys, ObjectKeys, ObjectLists, ProbeKeys};
+use super::order_keys::OrderKeys;
 use super::root::Root;
 use super::section::{Key, Reader, Section};
 use super::tree::{self, Node, Value};
@@ -34,6 +35,8 @@ pub(super) struct Draft {
     pub(super) objects: ObjectLists,
     /// Nodes beside that of MP, each with its dotted name.
     pub(super) nodes: Vec<(String, NodeKeys)>,
+    /// Orders of parameters, each with its dotted name.
+    pub(super) orders: Vec<(String, OrderKeys)>,
 }
 
 impl Draft {
@@ -54,7 +57,7 @@ impl Draft {
         // The list of faults is empty by default, so one element represents its keys.
         FaultKeys { name: "NAME".to_owned(), ..FaultKeys::default() }.keys("fault.NAME", &mut keys);
         object_keys(&mut keys);
-        node_keys(&mut keys);
+        single_keys(&mut keys);
         keys
     }
 }
@@ -68,9 +71,10 @@ fn object_keys(into: &mut Vec<Key>) {
     LeadKeys { name: name(), ..LeadKeys::default() }.keys("lead.NAME", into);
 }
 
-/// Appends the keys of a node, which is called `NAME`: by default there is none.
-fn node_keys(into: &mut Vec<Key>) {
+/// Appends the keys of a node and of an order, which are called `NAME`: by default there are none.
+fn single_keys(into: &mut Vec<Key>) {
     NodeKeys { name: "NAME".to_owned(), ..NodeKeys::default() }.keys("node.NAME", into);
+    OrderKeys { name: "NAME".to_owned(), ..OrderKeys::default() }.keys("order.NAME", into);
 }
 
 /// Returns the dotted names of all keys, those of the tasks in `catalogue` too; an element of a
@@ -83,7 +87,7 @@ pub(super) fn names(catalogue: &Catalogue) -> Vec<String> {
     Vsp::default().keys("vsp.NAME", &mut keys);
     FaultKeys::default().keys("fault.NAME", &mut keys);
     object_keys(&mut keys);
-    node_keys(&mut keys);
+    single_keys(&mut keys);
     keys.into_iter().map(|key| key.path).collect()
 }
 
@@ -129,6 +133,7 @@ pub(super) fn draft(
         leads: named("lead", lists[6].as_ref(), reader, |l: &LeadKeys| &l.name),
     };
     draft.nodes = named("node", lists[7].as_ref(), reader, |n: &NodeKeys| &n.name);
+    draft.orders = named("order", lists[8].as_ref(), reader, |o: &OrderKeys| &o.name);
     drop_unusable(&mut draft, &lists);
     // A fault of the built-in cell is a fault of the program. It must be visible, not lost with
     // `silent`.

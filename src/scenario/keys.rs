@@ -304,6 +304,10 @@ section! {
         linear_acceleration [mm_s2]: f64 = 300.0, 1.0..=5000.0;
         /// Angular speed of the tool on straight lines.
         angular_speed [deg_s]: f64 = 40.0, 1.0..=180.0;
+        // Below a fifth a motion lasts longer than the limits of time of its task.
+        /// Speed of motions through free space, as a share of the planned one; the times that the
+        /// planner expects are those of 100.
+        free_speed [percent]: f64 = 100.0, 20.0..=100.0;
         /// Sign of the force readings: 1, or -1 to make the controller wrong for a test.
         force_sign: i32 = 1, -1.0..=1.0;
         /// Delay of the force readings in servo periods, to make the controller wrong for a test.
@@ -360,6 +364,8 @@ section! {
         localisation [ms]: f64 = 6.0, 0.0..=1000.0;
         /// Declared time of reading one face on the virtual clock.
         face [ms]: f64 = 10.0, 0.0..=1000.0;
+        /// Exposure of all cameras, as a multiple of the one that a task orders.
+        exposure: f64 = 1.0, 0.1..=10.0;
     }
 }
 

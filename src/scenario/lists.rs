@@ -8,8 +8,8 @@
 use super::section::{section, words};
 
 /// Names of the lists of a scenario.
-pub(super) const LISTS: [&str; 8] =
-    ["effector", "camera", "vsp", "fault", "object", "probe", "lead", "node"];
+pub(super) const LISTS: [&str; 9] =
+    ["effector", "camera", "vsp", "fault", "object", "probe", "lead", "node", "order"];
 
 words! {
     /// Place to which a camera is fixed.

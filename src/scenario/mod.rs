@@ -18,6 +18,8 @@ pub(crate) mod lists;
 pub mod maker;
 pub mod node_keys;
 pub(crate) mod objects;
+pub mod order_keys;
+mod parameters;
 pub(crate) mod plant;
 pub(crate) mod root;
 pub mod section;

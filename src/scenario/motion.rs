@@ -47,8 +47,16 @@ const DELAY: f64 = 2.5;
 /// About its long axis a gripper has less, so the check is on the safe side there.
 const GYRATION: f64 = 0.074;
 
+/// Checks speeds and forces of the motions of a scenario.
+pub(super) fn checks(root: &Root, arms: &[Option<Arm>], reader: &mut Reader) {
+    profile(root, reader);
+    speeds(&root.control, arms, reader);
+    impact(&root.control, reader);
+    self_excitation(root, arms, reader);
+}
+
 /// Checks that hardware runs with the gentle profile of speeds, "workshop".
-pub(super) fn profile(root: &Root, reader: &mut Reader) {
+fn profile(root: &Root, reader: &mut Reader) {
     let (kind, profile) = (root.bridge.kind, root.profile());
     if profile != Profile::Workshop && kind.is_hardware() {
         let reason = format!(
@@ -63,7 +71,7 @@ pub(super) fn profile(root: &Root, reader: &mut Reader) {
 }
 
 /// Checks that the motors of all arms reach the speeds of turn, roll and track in `control`.
-pub(super) fn speeds(control: &Control, arms: &[Option<Arm>], reader: &mut Reader) {
+fn speeds(control: &Control, arms: &[Option<Arm>], reader: &mut Reader) {
     for arm in arms.iter().flatten() {
         let c = control;
         // Beyond the share `GOVERNED_SPEED_SHARE` the servo slows a turn down (servo::path).
@@ -125,7 +133,7 @@ fn too_fast(model: &ArmModel, axis: usize, speed: f64, limit: f64) -> Option<(f6
 }
 
 /// Checks that an approach does not strike a held cube harder than the force limit allows.
-pub(super) fn impact(control: &Control, reader: &mut Reader) {
+fn impact(control: &Control, reader: &mut Reader) {
     let c = control;
     // The approach goes on until the force has reached its threshold, and the blow comes on top.
     let least = c.approach_force;
@@ -149,7 +157,7 @@ pub(super) fn impact(control: &Control, reader: &mut Reader) {
 
 /// Checks that no force-controlled direction makes its arm vibrate by the inertia of the tool,
 /// which the force sensor measures. The gain of that loop is [`tff::self_excitation`].
-pub(super) fn self_excitation(root: &Root, arms: &[Option<Arm>], reader: &mut Reader) {
+fn self_excitation(root: &Root, arms: &[Option<Arm>], reader: &mut Reader) {
     let (c, visual_servo, period) = (&root.control, &root.visual_servo, root.real_time.period);
     let (speed, force) = c.visual_approach();
     let visual = guarded_admittance(speed, force);

@@ -4,6 +4,7 @@ use super::catalogue::ChosenTask;
 use super::config::{ControllerConfig, PlantSection};
 use super::keys::{Bridge, Pace, RealTime};
 use super::objects::ObjectKeys;
+use super::order_keys::ScriptedOrder;
 use crate::cube::{Cube, Facelets};
 use crate::hw::devices::{Devices, NoDevice};
 use crate::motion::PERIOD;
@@ -27,6 +28,8 @@ pub struct Scenario {
     /// Whether the command line names `bridge.devices`. Such a file is trusted even if other users
     /// may write it.
     pub devices_named: bool,
+    /// Orders of parameters that the scenario gives in place of the operator, by time.
+    pub orders: Vec<ScriptedOrder>,
     /// Task of the run.
     pub task: ChosenTask,
     /// Half that the controller may know.

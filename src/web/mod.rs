@@ -48,6 +48,7 @@ const ASSETS: &[(&str, &str, &str)] = &[
     ("/net.js", JAVASCRIPT, include_str!("assets/net.js")),
     ("/panels.js", JAVASCRIPT, include_str!("assets/panels.js")),
     ("/manual.js", JAVASCRIPT, include_str!("assets/manual.js")),
+    ("/parameters.js", JAVASCRIPT, include_str!("assets/parameters.js")),
     ("/icon.svg", "image/svg+xml", include_str!("assets/icon.svg")),
 ];
 /// Media type of a script.

@@ -239,11 +239,29 @@ impl TryFrom<NameBesideArguments> for PageInput {
     }
 }
 
+/// Returns the reason why a message of a page cannot be read.
+fn unreadable(text: &str) -> String {
+    // The variants of a message hide the reason of the one that was meant.
+    match serde_json::from_str::<NameBesideArguments>(text) {
+        Ok(message) if message.command == "parameter" => {
+            let why = PageInput::try_from(message).err();
+            why.map_or_else(String::new, |why| format!("parameter: {why}"))
+        }
+        _ => "the message is not a command".to_owned(),
+    }
+}
+
+/// Returns the reason why an order of a parameter is refused under this stage.
+fn unordered(input: &Input, stage: &Stage) -> Option<String> {
+    let Input::Parameter { parameter, value } = input else { return None };
+    let declared = stage.parameters.iter().find(|stage| stage.parameter == *parameter)?;
+    let why = declared.bounds.check(*value).err()?;
+    Some(format!("parameter {}: {why}", parameter.declaration().name))
+}
+
 /// Obeys a message of a page. Returns the reason if it is refused.
 pub(super) fn obey(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
-    let Ok(message) = serde_json::from_str(text) else {
-        return Some("the message is not a command".to_owned());
-    };
+    let Ok(message) = serde_json::from_str(text) else { return Some(unreadable(text)) };
     match message {
         PageMessage::Alive { .. } => None,
         PageMessage::Seat { seat: request } => match request {
@@ -263,6 +281,9 @@ pub(super) fn obey(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
         {
             let name = input.name();
             seat.has_commanded();
+            if let Some(why) = unordered(&input, &desk.stage.borrow()) {
+                return Some(why);
+            }
             (!desk.send(input)).then(|| format!("{name}: the run accepts no commands"))
         }
         PageMessage::Input(PageInput(input)) => {
@@ -334,7 +355,8 @@ mod tests {
     use super::super::seats::Seats;
     use super::*;
     use crate::desk::Desk;
-    use crate::operator::{Class, Manual, Step};
+    use crate::operator::parameter::Bounds;
+    use crate::operator::{Class, Manual, Parameter, ParameterStage, Step};
     use futures_util::stream;
     use std::convert::Infallible;
     use std::pin::Pin;
@@ -420,6 +442,46 @@ mod tests {
         ] {
             assert_eq!(read(text), None, "{text}");
         }
+    }
+
+    /// Refusals of orders of a parameter name the reason; only the page that commands may order.
+    #[test]
+    fn parameter_orders_are_refused_with_reason() {
+        let (ui, run) = Desk::default().ends();
+        let grip = ParameterStage {
+            parameter: Parameter::Grip,
+            unit: "N".into(),
+            meaning: String::new(),
+            rate: 5.0,
+            bounds: Bounds { usual: 40.0, least: 30.0, most: 55.0 },
+        };
+        run.stage.send_replace(Arc::new(Stage { parameters: vec![grip], ..Stage::default() }));
+        let seats = Arc::new(Seats::default());
+        let (first, second) = (seats.newcomer(0, None), seats.newcomer(1, None));
+        let order = |parameter: &str, value: &str, seat: &Seat| {
+            let text =
+                format!(r#"{{"command":"parameter","parameter":"{parameter}","value":{value}}}"#);
+            obey(&text, seat, &ui)
+        };
+
+        for (parameter, value, reason) in [
+            ("grip", "45", "parameter: unknown variant `grip`, expected one of `grip_n`"),
+            ("grip_n", "\"firm\"", "parameter: invalid type: string \"firm\", expected f64"),
+            ("grip_n", "null", "parameter: invalid type: null, expected f64"),
+            ("grip_n", "1e999", "the message is not a command"),
+            ("grip_n", "55.5", "parameter grip_n: 55.5 is outside 30..55"),
+        ] {
+            let refused = order(parameter, value, &first).unwrap();
+            assert!(refused.starts_with(reason), "{parameter} {value}: {refused}");
+        }
+        let refused = order("grip_n", "45", &second);
+        assert_eq!(refused.as_deref(), Some("parameter: another page commands; take over first"));
+        assert_eq!(order("grip_n", "45", &first), None);
+
+        let mut inputs = run.take_inputs().unwrap();
+        let given = Input::Parameter { parameter: Parameter::Grip, value: 45.0 };
+        assert_eq!(inputs.try_recv(), Ok(given));
+        assert!(inputs.try_recv().is_err(), "no other order reaches the run");
     }
 
     #[test]

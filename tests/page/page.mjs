@@ -358,6 +358,20 @@ async function byHand() {
   const page = await open(run);
   await sees(page, "the arms can be moved by hand", "s.services.manual");
   const before = await snapshot(page);
+  check(await page.locator("#parameters .row").count() === before.parameters.length, "each parameter has a row");
+  await page.fill("[aria-label='grip_n']", "44");
+  await page.press("[aria-label='grip_n']", "Enter");
+  await sees(page, "the number orders a grip force, which rises step by step", "s.parameters[0].ordered === 44 && s.parameters[0].value > 40 && s.parameters[0].value < 44");
+  await sees(page, "the grip force is reached", "s.parameters[0].value === 44");
+  await page.fill("[aria-label='grip_n']", "90");
+  await page.press("[aria-label='grip_n']", "Enter");
+  await page.getByText("parameter grip_n: 90 is outside 30..55").first().waitFor();
+  check((await snapshot(page)).parameters[0].ordered === 44, "a value out of bounds is refused with the reason");
+  await page.locator("#parameters .row button").first().click();
+  await sees(page, "the button orders the value of the scenario", "s.parameters[0].ordered === 40");
+  await page.focus("[aria-label='exposure, slider']");
+  await page.keyboard.press("ArrowRight");
+  await sees(page, "an arrow key moves a slider by a hundredth", "Math.abs(s.parameters[9].ordered - 1.015) < 1e-6");
   await page.click("[aria-label^='joint 1 plus']");
   await sees(page, "joint 1 moves by 5 deg", "Math.abs(s.arms[0].joints[1] - a - Math.PI / 36) < 2e-3", before.arms[0].joints[1]);
   await page.click("[data-pick='step 0']");
@@ -389,6 +403,7 @@ async function byHand() {
   const second = await open(run);
   await second.waitForSelector("#take", { state: "visible" });
   check(await second.isDisabled("#pause"), "a second page only watches");
+  check(await second.isDisabled("[aria-label='grip_n']"), "a page that watches changes no parameter");
   await second.click("#take");
   await page.click(".asked [data-seat=keep]");
   await second.getByText("The other page keeps the right to command.").waitFor();
@@ -412,6 +427,7 @@ async function byHand() {
   await page.close();
   await second.close();
   run.records("joint 1 by +5.0 deg", "joint 1 by -1.0 deg", "along the tool's z by -10.0 mm", "motor 5 by +2.0 rad", "jaws to 88.0 mm");
+  run.records("operator: parameter grip_n to 44", "parameter grip_n: from 40 to 44 N, by the operator");
   run.records("zero the force sensor", "go to start", "go to front", "operator: pause", "operator: resume", "operator: terminate");
   await run.ends(0, /DONE\s+the arms were moved by hand/);
 }

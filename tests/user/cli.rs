@@ -211,8 +211,8 @@ fn defaults_listed_for_scenario_keys_are_valid() {
     let out = robot(&["keys"]);
     for line in text(&out.stdout).lines().filter(|l| !l.starts_with(' ')) {
         let (key, default) = line.split_once(" = ").unwrap();
-        // The keys of a fault, an object or a node apply only in a scenario that has one.
-        let listed = ["fault.", "object.", "probe.", "lead.", "node."];
+        // The keys of a fault, an object, a node or an order apply only in a scenario that has one.
+        let listed = ["fault.", "object.", "probe.", "lead.", "node.", "order."];
         if default == "(not given)" || listed.iter().any(|list| key.starts_with(list)) {
             continue;
         }

@@ -15,6 +15,7 @@ mod last_second;
 mod missions;
 mod nodes;
 mod page;
+mod parameters;
 #[path = "../program/mod.rs"]
 mod program;
 mod recording;

@@ -462,6 +462,65 @@ fn ctrl_c_ends_the_idle_task_as_done() {
     assert_eq!(code, Some(0), "{}", summary.reason);
 }
 
+/// Orders of the page that commands change a parameter step by step; those of a watcher and
+/// impossible ones are refused. The recording has the order, and its verification repeats the run.
+#[test]
+fn parameter_order_from_page_moves_at_its_rate() {
+    let file = crate::recording::place("page_parameter.mcap");
+    let recording = ["--record", file.to_str().unwrap()];
+    let (child, address, _stderr) =
+        with_a_page(&[&["scenarios/idle.toml", "--speed", "1"], &recording[..]].concat());
+    let speed = 8;
+    runtime().block_on(async {
+        let mut page = Page::at(&address).await;
+        let stage = page.until(|m| m.get("stage").filter(|s| s["task"] == "idle").cloned()).await;
+        assert_eq!(stage["parameters"][speed]["parameter"], "free_speed_percent");
+        page.sees(|s| s["services"]["manual"] == true && s["services"]["parameters"] == true).await;
+        let order = |value: f64| {
+            let parameter = "free_speed_percent";
+            json!({ "command": "parameter", "parameter": parameter, "value": value })
+        };
+        let mut watcher = Page::at(&address).await;
+        watcher.next("seat").await;
+        watcher.say(order(40.0)).await;
+        let refused = watcher.next("refused").await;
+        assert_eq!(refused, "parameter: another page commands; take over first");
+        page.say(order(10.0)).await;
+        assert_eq!(
+            page.next("refused").await,
+            "parameter free_speed_percent: 10 is outside 20..100"
+        );
+
+        page.say(order(40.0)).await;
+
+        let value = |s: &Value| s["parameters"][speed]["value"].as_f64().unwrap();
+        let notice = "parameter free_speed_percent: from 100 to 40 %, by the operator";
+        page.until(|m| m.get("messages").filter(|m| m.to_string().contains(notice)).cloned()).await;
+        let first = page.sees(|s| s["parameters"][speed]["ordered"] == 40.0).await;
+        // 60 % at 25 % per second take 2.4 s.
+        let half = page.sees(|s| value(s) < 80.0).await;
+        let (from, to) = (first["time"].as_f64().unwrap(), half["time"].as_f64().unwrap());
+        assert!((value(&first) - value(&half)) / (to - from) < 25.1, "{first} {half}");
+        page.sees(|s| value(s) == 40.0).await;
+        page.say(json!({ "command": "manual", "effector": 0, "order":
+            { "order": "pose", "name": "front" } }))
+            .await;
+        let at = |s: &Value| s["arms"][0]["joints"][2].as_f64().unwrap();
+        page.sees(|s| (at(s) + 1.57).abs() < 2e-3).await;
+        page.say(json!({ "command": "terminate" })).await;
+        // The program ends with its run, and closes the connection.
+        while let Some(Ok(_)) = page.0.next().await {}
+    });
+    let (code, summary) = ended(child);
+    assert_eq!(code, Some(0), "{}", summary.reason);
+
+    let verified = program().args(["replay", "--verify"]).arg(&file).output().unwrap();
+
+    let told = String::from_utf8_lossy(&verified.stdout);
+    assert!(told.contains("the same: the whole controller"), "{told}");
+    std::fs::remove_file(file).unwrap();
+}
+
 /// Returns the rotation between two snapshots of that motor of an arm that has turned most (rad).
 fn turned(arm: usize, from: &Value, to: &Value) -> f64 {
     let at = |s: &Value, motor: usize| s["arms"][arm]["motors"][motor].as_f64().unwrap();
@@ -1059,7 +1118,7 @@ fn page_receives_a_snapshot_unchanged() {
         phases: vec![("acquire".to_owned(), 0.5)],
         step: Some(4),
         servo: Some(ServoTiming { period: 0.002, late: 1e-5, work: 2e-4, missed: 3 }),
-        services: Services { manual: true, speed: true, seek_ms: Some(9) },
+        services: Services { manual: true, speed: true, parameters: true, seek_ms: Some(9) },
         outcome: Some(outcome),
         ..Snapshot::default()
     };

@@ -497,7 +497,8 @@ impl Ecp {
                 jaw_mm = state.jaw_opening * 1e3,
                 "state"
             );
-            match motion.step(&state, target.as_ref()) {
+            let tuning = &mut self.parts.services.tuning;
+            match motion.step_under(tuning, &state, target.as_ref()) {
                 Ok((command, sensing)) => {
                     if let (Some(sensing), Some(tracker)) = (sensing, &self.parts.tracker) {
                         tracker.configure(sensing);

@@ -27,6 +27,7 @@ use super::move_instruction::Manner;
 use super::notice::Notice;
 use super::sensor::{SensorHandle, readings};
 use super::services::Services;
+use super::tuning::Tuning;
 use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision, Watchdog};
 use super::ways::{self, Known};
@@ -172,6 +173,8 @@ pub struct Mp {
     programmes: Programmes,
     /// Tool frame in force of each effector (`flange_from_tool`), where a task has changed it.
     tools: Vec<Option<Pose>>,
+    /// The operator's parameters as each arm follows them under continuous coordination.
+    tunings: Vec<Tuning>,
 }
 
 /// A reason to end the run.
@@ -200,7 +203,8 @@ impl Mp {
         let Supervision { watchdog, fault, .. } = parts.services.supervision.clone();
         let heartbeat = watchdog.heartbeat("mp");
         let (programmes, tools) = (Programmes::new(), vec![None; parts.ecps.len()]);
-        Self { parts, arms, phases, watchdog, fault, heartbeat, programmes, tools }
+        let tunings = vec![parts.services.tuning.clone(); parts.ecps.len()];
+        Self { parts, arms, phases, watchdog, fault, heartbeat, programmes, tools, tunings }
     }
 
     /// Returns the latest forces of the wrists; zero without a VSP that aggregates them.

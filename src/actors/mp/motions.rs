@@ -152,7 +152,7 @@ impl Mp {
 
     /// Steps the generators and returns the commands of the next macrostep. Stores the outcome of a
     /// motion that has ended, which gets no further command.
-    fn step(&self, running: &mut Running) -> Vec<Option<MoveCommand>> {
+    fn step(&mut self, running: &mut Running) -> Vec<Option<MoveCommand>> {
         // One reading of control and target for all: they slow down and follow in step.
         let control = *self.parts.services.control.borrow();
         running.motions.iter_mut().flatten().for_each(|motion| motion.set_pace(control));
@@ -161,7 +161,8 @@ impl Mp {
         let mut commands = vec![None; running.motions.len()];
         for (effector, sent) in commands.iter_mut().enumerate() {
             let Some(motion) = &mut running.motions[effector] else { continue };
-            match motion.step(&self.arms[effector], target.as_ref()) {
+            let (arm, tuning) = (&self.arms[effector], &mut self.tunings[effector]);
+            match motion.step_under(tuning, arm, target.as_ref()) {
                 Ok((command, sensing)) => {
                     if let (Some(sensing), Some(tracker)) = (sensing, tracker) {
                         tracker.configure(sensing);

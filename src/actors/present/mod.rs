@@ -22,7 +22,8 @@ use crate::kernel::Picture;
 use crate::motion::{PERIOD, Synchronisation};
 use crate::operator::{
     ActorView, ArmView, CameraView, Class, ControlView, CubeView, HandView, Input, LayerTurn,
-    Message, OutcomeView, Services, Snapshot, Stage, arm_frames, joints_of, remedy,
+    Message, OutcomeView, ParameterStage, ParameterView, Services, Snapshot, Stage, arm_frames,
+    joints_of, remedy,
 };
 use crate::scenario::ControllerConfig;
 use crate::scenario::keys::Pace;
@@ -30,6 +31,7 @@ use crate::servo::period::Length;
 use actors::Actors;
 use moment::Moment;
 use nalgebra::UnitQuaternion;
+use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -152,7 +154,7 @@ impl Presenter {
 
     /// Adds a message about an input of the operator to the next snapshot. `done` says that the
     /// input was obeyed, or why it was refused.
-    pub fn obeyed(&mut self, input: &Input, done: Result<(), &'static str>) {
+    pub fn obeyed(&mut self, input: &Input, done: &Result<(), Cow<'static, str>>) {
         let input = input.describe();
         let (class, text) = match done {
             Ok(()) => (Class::Info, format!("operator: {input}")),
@@ -242,6 +244,7 @@ impl Presenter {
         let person = self.cell.keeper == Keeper::Person;
         let hand = self.hand(moment.time).filter(|_| person && cube.held_by.is_empty());
         let actors = self.actors(control, &moment);
+        let parameters = self.parameters(&moment);
         let picture = moment.picture.unwrap_or_default();
         // Readings of a user's own sensors are shown beside the facts of the task.
         let mut facts = picture.facts;
@@ -269,12 +272,27 @@ impl Presenter {
             // A run with an outcome takes no orders and no speed any more.
             services: Services {
                 manual: moment.manual && self.outcome.is_none(),
+                parameters: !self.stage.parameters.is_empty() && self.outcome.is_none(),
                 speed: self.virtual_pace && self.outcome.is_none(),
                 seek_ms: None,
             },
+            parameters,
             messages: Arc::clone(&self.messages),
             outcome: self.outcome.clone(),
         }
+    }
+
+    /// Returns the present and the ordered value of each parameter.
+    fn parameters(&self, moment: &Moment) -> Vec<ParameterView> {
+        let period = (moment.time / PERIOD).round() as u64;
+        let view = |stage: &ParameterStage| match &moment.courses {
+            Some(courses) => ParameterView {
+                value: courses.value(stage.parameter, period),
+                ordered: courses.ordered(stage.parameter),
+            },
+            None => ParameterView { value: stage.bounds.usual, ordered: stage.bounds.usual },
+        };
+        self.stage.parameters.iter().map(view).collect()
     }
 
     /// Replaces the believed cell by the one that a calibration found. Returns the stage with the

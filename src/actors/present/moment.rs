@@ -2,6 +2,7 @@
 
 use crate::actors::latest::{ArmLatest, Latest};
 use crate::kernel::Picture;
+use crate::operator::parameter::Courses;
 use crate::operator::{Question, ServoTiming};
 use crate::spatial::Pose;
 use serde_json::Value;
@@ -21,6 +22,8 @@ pub(super) struct Moment {
     pub(super) sensors: BTreeMap<String, Value>,
     /// Pose of each loose object in the simulated plant.
     pub(super) objects: BTreeMap<String, Pose>,
+    /// Courses of the operator's parameters; `None` before the first order.
+    pub(super) courses: Option<Courses>,
     /// Activity of MP.
     pub(super) mp: &'static str,
     /// Whether the operator may move arms by hand.
@@ -53,6 +56,7 @@ impl Moment {
             picture: latest.picture.clone(),
             sensors: latest.sensors.clone(),
             objects: latest.objects.clone(),
+            courses: latest.courses,
             mp: latest.mp,
             manual: latest.manual,
             orders: (!latest.replayed).then(|| latest.orders.clone()),

@@ -6,8 +6,10 @@
 use crate::cell::{Arm, Camera, Cell, Mount};
 use crate::cube::Keeper;
 use crate::motion::{JointPositions, MotorPositions};
+use crate::operator::parameter::{AllBounds, DECLARED, Declaration};
 use crate::operator::{
-    ArmStage, CameraStage, Form, Limits, ObjectStage, Stage, arm_solids, object_solids,
+    ArmStage, CameraStage, Form, Limits, ObjectStage, ParameterStage, Stage, arm_solids,
+    object_solids,
 };
 use crate::scenario::Scenario;
 use crate::scenario::objects::{ObjectKeys, ObjectKind};
@@ -49,7 +51,20 @@ pub(crate) fn stage(scenario: &Scenario) -> Stage {
             torque: config.control.torque_limit,
             period: scenario.real_time.period,
         },
+        parameters: parameters(&config.bounds),
     }
+}
+
+/// Returns the parameters that the operator may change within these bounds.
+fn parameters(bounds: &AllBounds) -> Vec<ParameterStage> {
+    let parameter = |declared: &Declaration| ParameterStage {
+        parameter: declared.parameter,
+        unit: declared.unit.to_owned(),
+        meaning: declared.meaning.to_owned(),
+        rate: declared.rate,
+        bounds: bounds[declared.parameter],
+    };
+    DECLARED.iter().map(parameter).collect()
 }
 
 /// Returns an object of a scenario with the solids that draw it.

@@ -22,6 +22,7 @@ use crate::error::{Error, System};
 use crate::generators::{Outcome, Target};
 use crate::hw::driver::Switches;
 use crate::motion::ArmState;
+use crate::operator::parameter::Courses;
 use crate::vision::sensor::FaceReading;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -148,9 +149,10 @@ impl Home {
     /// come in.
     pub(crate) fn start(&self, mut receiver: Receiver<ToHome>, watch: Watch) {
         let Watch { services, switches, states, way } = watch;
-        let Services { clock, control, trace, supervision, .. } = services;
+        let Services { clock, control, tuning, trace, supervision, .. } = services;
         self.send_beats(clock, Arc::clone(&switches), supervision.watchdog.clone(), way);
         self.send_control(control);
+        self.send_parameters(tuning.courses());
         for (effector, state) in states {
             self.send_states(effector, state);
         }
@@ -347,6 +349,19 @@ impl Home {
             loop {
                 home.tell(Tell::Control(*control.borrow_and_update()));
                 if control.changed().await.is_err() {
+                    return;
+                }
+            }
+        });
+    }
+
+    /// Sends the operator's parameters, now and at each change.
+    fn send_parameters(&self, mut courses: watch::Receiver<Courses>) {
+        let home = self.clone();
+        tokio::spawn(async move {
+            loop {
+                home.tell(Tell::Parameters(*courses.borrow_and_update()));
+                if courses.changed().await.is_err() {
                     return;
                 }
             }

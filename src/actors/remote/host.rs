@@ -22,6 +22,7 @@ use crate::emergency_stop::StopButton;
 use crate::error::Error;
 use crate::hw::driver::Switches;
 use crate::motion::ArmState;
+use crate::operator::parameter::Courses;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -50,6 +51,8 @@ pub(crate) struct Host {
     pub(crate) states: BTreeMap<usize, watch::Sender<ArmState>>,
     /// The operator's control, as the actors of the node see it.
     pub(crate) control: watch::Sender<Control>,
+    /// The operator's parameters, as the actors of the node see them.
+    pub(crate) courses: watch::Sender<Courses>,
     /// Difference of the periods.
     pub(crate) offset: Offset,
     /// Clock of the node.
@@ -241,6 +244,11 @@ impl Host {
             }
             Tell::Control(control) => {
                 self.control.send_replace(control);
+                return;
+            }
+            Tell::Parameters(courses) => {
+                let courses = courses.counted(|period| self.offset.here(period));
+                self.courses.send_replace(courses);
                 return;
             }
         };

@@ -11,6 +11,7 @@ use crate::generators::{Behaviour, Outcome, Sensing, Target};
 use crate::kernel::{Adjustment, Programme, Signal, View};
 use crate::motion::ArmState;
 use crate::net::Lane;
+use crate::operator::parameter::Courses;
 use crate::vision::sensor::FaceReading;
 use serde::{Deserialize, Serialize};
 
@@ -101,6 +102,8 @@ pub(crate) enum Tell {
     Sense(usize, Sensing),
     /// The operator's control of the run.
     Control(Control),
+    /// The operator's parameters, in periods of MP's node.
+    Parameters(Courses),
 }
 
 /// Sign of life of MP's node.

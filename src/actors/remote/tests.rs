@@ -16,6 +16,7 @@ use crate::generators::{Behaviour, Outcome};
 use crate::hw::driver::{self, Switches};
 use crate::motion::{ArmState, MoveRefused, Synchronisation};
 use crate::net::{Link, Parcels, pair};
+use crate::operator::parameter::{AllBounds, Courses};
 use crate::record::run_hash::RunHash;
 use crate::servo::ServoCommand;
 use std::sync::Arc;
@@ -90,6 +91,7 @@ fn host(
     let stop = EmergencyStop::default();
     let switches = Arc::new(Switches::new(stop.signal()));
     let (told, control) = watch::channel(Control::Waiting);
+    let (ordered, _) = watch::channel(Courses::new(&AllBounds::default()));
     let services = services(&switches, control.clone());
     let (link_to_servo, taken) = servo(&services.clock);
     let config = super::example_config();
@@ -115,6 +117,7 @@ fn host(
         vsps: [].into(),
         states: [(0, watch::channel(ArmState::default()).0)].into(),
         control: told,
+        courses: ordered,
         offset: Offset::default(),
         clock: services.clock.clone(),
         switches: Arc::clone(&switches),

@@ -100,6 +100,10 @@ impl<O: PathOrder> MotionGenerator for Carry<O> {
         })
     }
 
+    fn tune(&mut self, compliance: &Compliance) {
+        self.compliance = *compliance;
+    }
+
     fn touch(&self) -> Touch {
         Touch::Contact
     }

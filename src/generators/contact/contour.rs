@@ -143,6 +143,10 @@ impl MotionGenerator for Contour {
         })
     }
 
+    fn tune(&mut self, compliance: &Compliance) {
+        self.compliance = *compliance;
+    }
+
     fn touch(&self) -> Touch {
         Touch::Contact
     }

@@ -82,6 +82,10 @@ impl MotionGenerator for Guarded {
         Ok(Self { order, direction, from, acceleration, compliance: site.compliance })
     }
 
+    fn tune(&mut self, compliance: &Compliance) {
+        self.compliance = *compliance;
+    }
+
     fn touch(&self) -> Touch {
         Touch::Contact
     }

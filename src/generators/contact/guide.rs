@@ -99,6 +99,10 @@ impl MotionGenerator for Guide {
         Next::go(Motion::Task { frame: Frame::Tool, directions })
     }
 
+    fn tune(&mut self, compliance: &Compliance) {
+        self.compliance = *compliance;
+    }
+
     fn touch(&self) -> Touch {
         Touch::Yields
     }

@@ -3,6 +3,7 @@
 //! - in: the inputs of a macrostep
 //! - out: the command of the macrostep, slowed down as the generator has declared
 
+use super::super::compliance::Compliance;
 use super::super::inputs::{Inputs, Sensing};
 use super::super::outcome::Next;
 use super::super::pace::slowed;
@@ -20,6 +21,7 @@ trait Erased: Send + Sync {
     fn rests(&self) -> bool;
     fn tolerates(&self, why: &MoveRefused) -> bool;
     fn sensing(&self) -> Option<Sensing>;
+    fn tune(&mut self, compliance: &Compliance);
 }
 
 impl<G: MotionGenerator> Erased for G {
@@ -49,6 +51,10 @@ impl<G: MotionGenerator> Erased for G {
 
     fn sensing(&self) -> Option<Sensing> {
         MotionGenerator::sensing(self)
+    }
+
+    fn tune(&mut self, compliance: &Compliance) {
+        MotionGenerator::tune(self, compliance);
     }
 }
 
@@ -88,6 +94,11 @@ impl Running {
             command.periods = self.macrostep;
         }
         (next, self.generator.sensing())
+    }
+
+    /// Makes the next macrosteps follow another compliance.
+    pub fn tune(&mut self, compliance: &Compliance) {
+        self.generator.tune(compliance);
     }
 
     /// Returns the course of the motion, if it is known beforehand.

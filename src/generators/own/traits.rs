@@ -110,6 +110,13 @@ pub trait MotionGenerator: Send + Sync + Sized + 'static {
         false
     }
 
+    /// Makes the next macrosteps follow another compliance: the operator changes a parameter while
+    /// the motion goes on. It is called before each macrostep. By default the motion keeps the
+    /// compliance of its beginning.
+    fn tune(&mut self, compliance: &Compliance) {
+        let _ = compliance;
+    }
+
     /// Returns how the visual sensor must look from now on; `None` leaves it as it is.
     fn sensing(&self) -> Option<Sensing> {
         None

@@ -313,6 +313,12 @@ impl Plant {
         self.objects.lead_forces()
     }
 
+    /// Returns the true forces of both pads of a gripper, and of its palm, on the cube (N).
+    #[must_use]
+    pub fn squeeze(&self, arm: usize) -> ([f64; 2], f64) {
+        self.balance.touches.get(arm).map_or(([0.0; 2], 0.0), |touch| (touch.pads, touch.palm))
+    }
+
     /// Returns whether an arm's power stages were on in the last period; otherwise its brakes hold.
     #[must_use]
     pub fn is_powered(&self, arm: usize) -> bool {

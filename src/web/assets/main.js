@@ -5,6 +5,7 @@ import { Scene } from "./scene.js";
 import { Curves } from "./curves.js";
 import { NetView } from "./net.js";
 import { Manual } from "./manual.js";
+import { Parameters } from "./parameters.js";
 import * as panels from "./panels.js";
 
 const $ = (id) => document.getElementById(id);
@@ -41,6 +42,7 @@ const link = new Link({
     $("truth").textContent = `true place in the simulated plant: ${loose.join(", ")}`;
     curves.set(stage);
     manual.set(stage);
+    parameters.set(stage);
     panels.setCameras(stage.cameras);
   },
   plan: panels.showPlan,
@@ -74,6 +76,7 @@ const link = new Link({
   },
 });
 const manual = new Manual((command) => link.say(command));
+const parameters = new Parameters((command) => link.say(command));
 
 /** Shows the latest snapshot, the seat and the state of the connection in all parts of the page. */
 function show() {
@@ -136,6 +139,7 @@ function show() {
   document.querySelector("main").classList.toggle("by-hand", byHand);
   for (const button of document.querySelectorAll("#manual button")) if (button.id !== "synchronise") button.disabled = !(own && control === "running");
   if (byHand) manual.show(s, own && control === "running");
+  parameters.show(s, own && ["waiting", "running", "paused"].includes(control));
   document.querySelector("main").classList.toggle("blind", !s.cameras.length);
   scene.show(s);
   curves.show(s);
