@@ -39,11 +39,12 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Pictures that are dropped at the start while the camera adapts its exposure: half a second.
-const SETTLING: usize = 15;
+pub(crate) const SETTLING: usize = 15;
 /// Pictures that are dropped after a change of a fixed exposure: it acts on a later picture.
 const FIXED: usize = 3;
-/// Age from which a waiting picture is dropped for the next one.
-const STALE: Duration = Duration::from_millis(100);
+/// Age from which a waiting picture is dropped for the next one. Sensors refuse pictures that are
+/// older than 100 ms.
+const STALE: Duration = Duration::from_millis(80);
 /// Greatest number of damaged pictures in a row.
 const MOST_DAMAGED: usize = 5;
 /// Greatest number of waiting buffers: more than a driver gives.

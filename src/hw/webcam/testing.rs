@@ -16,8 +16,8 @@ use std::time::Duration;
 pub(crate) enum Event {
     /// A picture and its age (ms).
     Picture(RgbImage, u64),
-    /// Bytes that the driver marks as damaged.
-    Damaged,
+    /// A picture that the driver marks as damaged.
+    Damaged(RgbImage),
     /// Bytes that are no picture, without a mark.
     Noise,
     /// No buffer within the wait.
@@ -158,7 +158,7 @@ impl VideoDevice for Fake {
         match event {
             None | Some(Event::Nothing) => Ok(None),
             Some(Event::Picture(picture, age)) => buffer(self.encode(&picture), false, age),
-            Some(Event::Damaged) => buffer(vec![1, 2, 3], true, 0),
+            Some(Event::Damaged(picture)) => buffer(self.encode(&picture), true, 0),
             Some(Event::Noise) => buffer(vec![0xFF, 0xD8, 1, 2], false, 0),
             Some(Event::Error(error)) => Err(io::Error::from_raw_os_error(error)),
         }

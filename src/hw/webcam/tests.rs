@@ -104,7 +104,8 @@ fn damaged_pictures_are_skipped_up_to_limit() {
     let damaged = |events: &[Event]| -> VecDeque<Event> {
         events.iter().flat_map(|e| [e.clone(), Event::Nothing]).collect()
     };
-    let events = damaged(&[Event::Damaged, Event::Noise, Event::Damaged, at(70, 0)]);
+    let events =
+        damaged(&[Event::Damaged(grey(9)), Event::Noise, Event::Damaged(grey(9)), at(70, 0)]);
     let mut rig = Rig::new(Encoding::Mjpeg, &plain(), events.into());
     assert!(rig.level(0).1.abs_diff(70) < 3);
 

@@ -35,6 +35,8 @@ const link = new Link({
     const facts = [stage.task && `task ${stage.task}`, stage.plant, stage.pace, stage.coordination, stage.task && `seed ${stage.seed}`];
     if (stage.version) $("version").textContent = `${facts.filter(Boolean).join(", ")} – version ${stage.version}`;
     if (!stage.version) return;
+    // A cube before a camera has no cell, no plan and no motion to stop.
+    document.body.classList.toggle("scan", stage.task === "scan");
     scene.set(stage);
     const loose = (stage.objects ?? []).filter((object) => !object.fixed).map((object) => object.name);
     $("truth").hidden = !loose.length;
