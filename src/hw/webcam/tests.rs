@@ -20,6 +20,11 @@ fn at(level: u8, age: u64) -> Event {
     Event::Picture(grey(level), age)
 }
 
+/// Returns events that a start or a change drops: no picture of this level waits with a later one.
+fn dropped(count: usize, level: u8) -> impl Iterator<Item = Event> {
+    (0..count).map(move |i| if i % 2 == 0 { at(level, 0) } else { Event::Nothing })
+}
+
 /// A webcam with the device that it plays. `/dev/null` stands for its node.
 struct Rig {
     camera: Webcam,
@@ -89,8 +94,7 @@ fn pictures_of_before_a_pause_are_dropped() {
 
 #[test]
 fn first_pictures_are_dropped_while_camera_adapts() {
-    let dark = (0..SETTLING).map(|_| at(0, 0));
-    let events = dark.chain([at(120, 0)]).collect();
+    let events = dropped(SETTLING, 0).chain([at(120, 0)]).collect();
     let fake = Fake::playing(Encoding::Yuyv, SIZE, events);
     let camera = Webcam::open("desk", &plain(), WISH, (Nodes::default(), fake.opener()));
 
@@ -123,7 +127,7 @@ fn unplugged_camera_is_reported_and_comes_back() {
     rig.played().refuses = 19;
     assert_eq!(rig.why(), why, "it is still gone");
     rig.played().refuses = 0;
-    rig.played().events = (0..SETTLING).map(|_| at(0, 0)).chain([at(33, 0)]).collect();
+    rig.played().events = dropped(SETTLING, 0).chain([at(33, 0)]).collect();
     assert_eq!(rig.level(0).1, 33);
     assert_eq!(rig.played().opened.len(), 3);
 }
@@ -171,7 +175,7 @@ fn fixed_controls_are_set_and_exposure_scaled() {
     assert_eq!(rig.played().controls.len(), 4, "the exposure is the same");
 
     // The pictures of the old exposure are dropped.
-    rig.played().events = (0..FIXED).map(|_| at(5, 0)).chain([at(40, 0)]).collect();
+    rig.played().events = dropped(FIXED, 5).chain([at(40, 0)]).collect();
     let frame = rig.camera.grab(0, 2.0).unwrap();
 
     assert_eq!(rig.played().controls[4..], [(Exposure, 160)]);
