@@ -252,7 +252,7 @@ pub(crate) mod tests {
     #[test]
     fn turned_and_exchanged_faces_are_put_right() {
         let (mut reader, mut cube) = (Reader::default(), Show::new(7));
-        let order = [(0, 0.0), (1, 1.57), (2, 0.0), (3, 0.0), (5, 3.14), (4, 0.0)];
+        let order = [(0, 0.0), (1, 1.5), (2, 0.0), (3, 0.0), (5, 3.0), (4, 0.0)];
         let mut last = Seen::Moving;
         for (face, turn) in order {
             last = show(&mut reader, &mut cube, face, turn);
