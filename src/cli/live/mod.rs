@@ -178,7 +178,12 @@ pub(super) fn live(
     };
     let (line, code) = report(name, &decided, json);
     output.text(&line)?;
-    page.end(line.trim_end(), code == 0)?;
+    // The page may stay for long: the line must not wait for its end.
+    output.flush()?;
+    page.end(line.trim_end(), code == 0);
+    if !json {
+        page.linger()?;
+    }
     Ok(code)
 }
 

@@ -79,20 +79,22 @@ impl Page {
         self.publish();
     }
 
-    /// Shows the end, and keeps the page open until the operator leaves it.
-    pub(super) fn end(mut self, line: &str, good: bool) -> anyhow::Result<()> {
-        if self.ui.has_page() {
-            self.say(self.snapshot.time, line);
-            self.snapshot.control = ControlView::Ended;
-            self.snapshot.outcome = Some(OutcomeView {
-                verdict: if good { "read" } else { "not read" }.to_owned(),
-                good,
-                reason: line.to_owned(),
-                time: Some(self.snapshot.time),
-                figures: Vec::new(),
-            });
-            self.publish();
-        }
+    /// Shows the end.
+    pub(super) fn end(&mut self, line: &str, good: bool) {
+        self.say(self.snapshot.time, line);
+        self.snapshot.control = ControlView::Ended;
+        self.snapshot.outcome = Some(OutcomeView {
+            verdict: if good { "read" } else { "not read" }.to_owned(),
+            good,
+            reason: line.to_owned(),
+            time: Some(self.snapshot.time),
+            figures: Vec::new(),
+        });
+        self.publish();
+    }
+
+    /// Keeps the page open until the operator leaves it.
+    pub(super) fn linger(self) -> anyhow::Result<()> {
         self.ui.linger(&self.run_end)
     }
 
@@ -232,7 +234,8 @@ mod tests {
         drop(inputs);
         // The operator has left the page before the end.
         assert!(ui.send(Input::Quit));
-        page.end("the cube", true).unwrap();
+        page.end("the cube", true);
+        page.linger().unwrap();
         let outcome = ui.snapshots.borrow().outcome.clone().unwrap();
         assert_eq!((outcome.verdict.as_str(), outcome.good), ("read", true));
     }
