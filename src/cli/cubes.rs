@@ -188,6 +188,11 @@ pub(super) fn report(
     (text + "\n", line.code)
 }
 
+/// Returns whether [`report`] has a cube to tell, and not a reason why there is none.
+pub(super) fn is_read(decided: &std::result::Result<Decision, Undecided>) -> bool {
+    Line::of(&decided.clone().map_err(Refused::from)).code == 0
+}
+
 /// Number of the first square of each face, in the order URFDLB. A file of measured squares has the
 /// order U, L, F, R, B, D.
 const FIRST_SQUARE: [usize; 6] = [1, 28, 19, 46, 10, 37];
@@ -233,7 +238,7 @@ pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, u8) {
 
 /// Returns the main face of a picture: the widest of those with at least 0.8 times the best
 /// confidence. The faces are sorted, the most certain one first.
-fn dominant(mut faces: Vec<FaceSighting>) -> Option<FaceSighting> {
+pub(super) fn dominant(mut faces: Vec<FaceSighting>) -> Option<FaceSighting> {
     let best = faces.first()?.confidence;
     // A face in the background may be nearly as certain, but it is smaller.
     faces.retain(|f| f.confidence >= 0.8 * best);

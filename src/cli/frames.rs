@@ -358,11 +358,11 @@ fn picture(
 }
 
 /// A direction of the cube frame.
-type Direction = [f64; 3];
+pub(super) type Direction = [f64; 3];
 
 /// Letters of the faces, the outward normal and the directions of columns and rows of each in the
 /// cube frame.
-const FACES: [(&str, Direction, Direction, Direction); 6] = [
+pub(super) const FACES: [(&str, Direction, Direction, Direction); 6] = [
     ("U", [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]),
     ("R", [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]),
     ("F", [0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]),

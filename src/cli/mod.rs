@@ -24,6 +24,7 @@ mod frames;
 mod help;
 mod keys;
 mod kinematics;
+mod live;
 mod locate;
 mod merge;
 mod mix;

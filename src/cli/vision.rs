@@ -1,5 +1,6 @@
 //! `rubik-robot vision`: declares its subcommands, with their helps, and calls the one of the call.
 
+use super::live::{CameraArgs, live};
 use super::output::{Output, WRONG, complain};
 use super::{cubes, evaluate, faces, frames, locate, rig, stages};
 use clap::{Args, Subcommand};
@@ -11,6 +12,7 @@ Examples:
   rubik-robot vision face photo.jpg                   # faces, corners, colours
   rubik-robot vision scan u.jpg r.jpg f.jpg d.jpg l.jpg b.jpg
                                                       # the cube of six pictures
+  rubik-robot vision scan --camera /dev/video0        # the cube held before a webcam
   rubik-robot vision colours measured.json            # the cube of 54 RGB triples
   rubik-robot vision locate photo.jpg --fx 600        # the pose of the cube
   rubik-robot vision eval photographs/manifest.jsonl  # shares found and read, time of a picture
@@ -62,11 +64,12 @@ be read.")]
         #[arg(long)]
         json: bool,
     },
-    /// Read a cube from pictures of its six faces
+    /// Read a cube from pictures of its six faces, or before a camera
     #[command(after_help = "\
 Examples:
   rubik-robot vision scan u.jpg r.jpg f.jpg d.jpg l.jpg b.jpg
   rubik-robot vision scan u.jpg r.jpg f.jpg d.jpg l.jpg b.jpg --json
+  rubik-robot vision scan --camera /dev/video0 --ui web
 
 Each face is upright as in the usual net: U above F, D below F. Pictures that were turned, exchanged
 or mirrored are recognised and put right where exactly one cube fits; the line says which.
@@ -84,12 +87,22 @@ Keys of the object of --json:
   correction   only if pictures were put right: which, in words
 If the cube is not read: file, reason, refusal (the reason as one word) and, if all colours were
 read, read (54 letters as facelets) and doubtful (facelets to check).
-Exit codes: 0 the cube is read, 1 a picture shows no face, or no cube fits all stickers, 2 wrong
-usage, or a picture cannot be read.")]
+
+With --camera each face is held still before the camera until it is taken; stderr says which one is
+next. Faces may be shown in another order or turned, as pictures may. If the faces make no cube, all
+are shown again. A fixed exposure and white balance make colours comparable from face to face. The
+page of --ui web shows the camera's picture with the face that was found. A camera that is unplugged
+may come back within 30 s. V4L2 cameras need a program that was built with --features v4l2.
+Exit codes: 0 the cube is read, 1 a picture shows no face, no cube fits all stickers, or the
+camera's pictures ended before the cube was read, 2 wrong usage, or a picture or the camera cannot
+be read, 130 interrupted.")]
     Scan {
         /// Pictures of the faces U, R, F, D, L and B, in this order (PNG, JPEG)
-        #[arg(required = true, num_args = 6, value_names = ["U", "R", "F", "D", "L", "B"])]
+        #[arg(required_unless_present = "camera", conflicts_with = "camera", num_args = 6,
+            value_names = ["U", "R", "F", "D", "L", "B"])]
         images: Vec<PathBuf>,
+        #[command(flatten)]
+        camera: CameraArgs,
         /// Print one line of JSON
         #[arg(long)]
         json: bool,
@@ -259,7 +272,13 @@ Exit codes: 0 done, also without a face; 1 the principal point (--cx, --cy) is o
 pub(super) fn vision(args: &VisionArgs, output: &mut Output) -> anyhow::Result<u8> {
     let done = match &args.what {
         What::Face { images, json } => Ok(faces::face(images, *json)),
-        What::Scan { images, json } => Ok(cubes::scan(images, *json)),
+        What::Scan { images, camera, json } => {
+            camera.check()?;
+            if let Some(name) = &camera.camera {
+                return live(name, camera, *json, output);
+            }
+            Ok(cubes::scan(images, *json))
+        }
         What::Colours { files, json } => Ok(cubes::colours(files, *json)),
         What::Rig { images, boxes, table, json } => {
             rig::rig(images, boxes, table.as_deref(), *json)

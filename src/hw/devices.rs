@@ -6,8 +6,9 @@
 //!
 //! - in: the file (TOML)
 //! - out: the open bridge, a [`SerialPort`] or a port of [`IsaArm`]s, with its force sensors; the
-//!   sockets of the cameras
+//!   devices of the cameras
 
+use super::camera_device::{CameraDevice, CameraLine};
 use super::force::{ForceSource, FtController, NetFt, NoSensor, Words};
 use super::isa::IsaArm;
 use super::isa::registers::{AxisKind, REVOLUTION};
@@ -265,16 +266,6 @@ impl Default for EffectorDevices {
     }
 }
 
-/// The device of a camera.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CameraDevice {
-    /// Name of the camera in the scenario.
-    pub name: String,
-    /// Local socket of its frames: see [`super::socket_camera`].
-    pub socket: PathBuf,
-}
-
 /// A force sensor, as named by [`EffectorDevices::force`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ForceDevice<'a> {
@@ -401,6 +392,13 @@ impl Devices {
         found.ok_or_else(|| NoDevice(format!("the devices file has no [[camera]] \"{name}\"")))
     }
 
+    /// Returns whether the file names several webcams, which may share a bus.
+    #[must_use]
+    pub fn has_several_webcams(&self) -> bool {
+        let is_webcam = |camera: &&CameraDevice| matches!(camera.line, CameraLine::V4l2(_));
+        self.camera.iter().filter(is_webcam).count() > 1
+    }
+
     /// Opens the serial lines and force sensors of these arms and joins them to one bridge. `rules`
     /// say when a line is given up; `notes` receives non-fatal events for the log.
     ///
@@ -504,11 +502,25 @@ fn parse(text: &str) -> Result<Devices, (usize, String)> {
     lines.twice().map_or(Ok(devices), Err)
 }
 
-/// Names of serial lines with their positions in a file.
+/// Names of serial lines and webcams with their positions in a file.
 #[derive(Deserialize)]
 struct Lines {
     #[serde(default)]
     effector: Vec<LinesOfEffector>,
+    #[serde(default)]
+    camera: Vec<LineOfCamera>,
+}
+
+/// Webcam of a camera.
+#[derive(Deserialize)]
+struct LineOfCamera {
+    v4l2: Option<NameOfWebcam>,
+}
+
+/// Name of a webcam with its position.
+#[derive(Deserialize)]
+struct NameOfWebcam {
+    device: Spanned<String>,
 }
 
 /// Names of an effector's serial lines, and of its force sensor, with their positions.
@@ -520,11 +532,14 @@ struct LinesOfEffector {
 }
 
 impl Lines {
-    /// Returns the first serial line that two axes or sensors name, as the position of the second
-    /// name in the file (bytes) and a message. Two axes on one line would be driven in turn.
+    /// Returns the first serial line that two axes or sensors name, or the first webcam of two
+    /// cameras, as the position of the second name in the file (bytes) and a message. Two axes on
+    /// one line would be driven in turn.
     fn twice(&self) -> Option<(usize, String)> {
         let mut seen: Vec<PathBuf> = Vec::new();
-        for line in self.effector.iter().flat_map(|e| e.axes.iter().chain(&e.force)) {
+        let lines = self.effector.iter().flat_map(|e| e.axes.iter().chain(&e.force));
+        let webcams = self.camera.iter().filter_map(|c| c.v4l2.as_ref().map(|w| &w.device));
+        for line in lines.chain(webcams) {
             let name = line.get_ref().strip_prefix("ft_controller:").unwrap_or(line.get_ref());
             if name.is_empty() || name == "none" {
                 continue;
@@ -732,6 +747,8 @@ fn words(base: u16) -> Result<Box<dyn Words>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hw::webcam::WebcamDevice;
+    use crate::hw::webcam::device::Encoding;
 
     #[test]
     fn devices_file_round_trips_and_mistake_names_line() {
@@ -743,7 +760,21 @@ mod tests {
                 force: "net_ft:192.168.1.1:49152".into(),
                 ..EffectorDevices::default()
             }],
-            camera: vec![CameraDevice { name: "standalone".into(), socket: "/tmp/s".into() }],
+            camera: vec![
+                CameraDevice {
+                    name: "standalone".into(),
+                    line: CameraLine::Socket("/tmp/s".into()),
+                },
+                CameraDevice {
+                    name: "track_hand".into(),
+                    line: CameraLine::V4l2(WebcamDevice {
+                        format: Some(Encoding::Mjpeg),
+                        exposure_ms: Some(7.5),
+                        white_balance_k: Some(4600),
+                        ..WebcamDevice::named("/dev/video0")
+                    }),
+                },
+            ],
         };
         let text = devices.text().unwrap();
         let path = std::env::temp_dir().join(format!("rubik-devices-{}.toml", std::process::id()));
@@ -871,6 +902,40 @@ mod tests {
             "[[effector]]\naxes = [\"\", \"/dev/./null\"]\nforce = \"ft_controller:/dev/null\"\n",
         );
         assert!(sensor.ends_with(".toml:3: /dev/null is named twice"), "{sensor}");
+    }
+
+    #[test]
+    fn camera_needs_exactly_one_device() {
+        let camera = |keys: &str| refused("camera", &format!("[[camera]]\nname = \"c\"\n{keys}\n"));
+
+        assert_eq!(camera("socket = \"/tmp/s\""), "");
+        assert_eq!(camera("v4l2 = { device = \"A1\" }"), "");
+        assert!(camera("").contains(".toml:1: camera \"c\" has no device: name a socket"));
+        let both = camera("socket = \"/tmp/s\"\nv4l2 = { device = \"A1\" }");
+        assert!(both.contains(".toml:1: camera \"c\" has both a socket and a v4l2"), "{both}");
+        for (keys, wanted) in [
+            ("format = \"h264\"", "unknown variant `h264`"),
+            ("exposure_ms = 0.0", "exposure_ms: 0 ms is outside 0.1 to 10000 ms"),
+            ("exposure_ms = nan", "exposure_ms: NaN ms is outside"),
+            ("white_balance_k = 10", "white_balance_k: 10 K is outside 1000 to 20000 K"),
+            ("gain = 3", "unknown field `gain`"),
+        ] {
+            let told = camera(&format!("[camera.v4l2]\ndevice = \"A1\"\n{keys}"));
+            assert!(told.contains(wanted) && told.contains(".toml:"), "{keys}: {told}");
+        }
+    }
+
+    #[test]
+    fn webcam_of_two_cameras_is_refused() {
+        let camera = |name: &str, device: &str| {
+            format!("[[camera]]\nname = \"{name}\"\n[camera.v4l2]\ndevice = \"{device}\"\n")
+        };
+        let told = refused("webcams", &(camera("a", "/dev/null") + &camera("b", "/dev/./null")));
+        assert!(told.ends_with(".toml:8: /dev/./null is named twice"), "{told}");
+
+        let text = camera("a", "A1") + &camera("b", "B2");
+        assert!(parse(&text).unwrap().has_several_webcams());
+        assert!(!parse(&camera("a", "A1")).unwrap().has_several_webcams());
     }
 
     #[test]

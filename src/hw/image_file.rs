@@ -94,6 +94,11 @@ pub fn decode(bytes: &[u8]) -> Result<RgbImage> {
     decode_within(bytes, MOST_PIXELS)
 }
 
+/// Decodes the bytes of a camera's frame as [`decode`] does, with at most 16 million pixels.
+pub(crate) fn decode_frame(bytes: &[u8]) -> Result<RgbImage> {
+    decode_within(bytes, MOST_OF_FRAME)
+}
+
 /// Decodes a picture of at most `most` pixels. A panic of the decoder becomes an error.
 fn decode_within(bytes: &[u8], most: u64) -> Result<RgbImage> {
     guarded(|| decoded(bytes, most))

@@ -4,6 +4,7 @@
 //! No file here names an actor or a task.
 
 pub mod camera;
+pub mod camera_device;
 pub mod devices;
 pub mod driver;
 pub mod emulator;
@@ -21,3 +22,4 @@ pub mod serial;
 pub mod socket_camera;
 pub mod storage;
 pub mod text;
+pub mod webcam;

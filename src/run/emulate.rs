@@ -11,7 +11,8 @@ use super::failure::not_created;
 use super::plan::Plan;
 use crate::cube::Facelets;
 use crate::error::{Error, Fatal};
-use crate::hw::devices::{self, CameraDevice, Devices};
+use crate::hw::camera_device::{CameraDevice, CameraLine};
+use crate::hw::devices::{self, Devices};
 use crate::hw::driver::RealTime;
 use crate::hw::emulator::{CameraServer, Course, EmulatedArm, Emulator, EmulatorOptions};
 use crate::hw::new_file::{self, Sync};
@@ -168,7 +169,8 @@ impl Cameras {
             let source = Box::new(PlantCamera::new(renderer, output));
             servers.push(CameraServer::start(&socket, source).map_err(io)?);
             scenes.push(input);
-            devices.push(CameraDevice { name: camera.name.clone(), socket });
+            let line = CameraLine::Socket(socket);
+            devices.push(CameraDevice { name: camera.name.clone(), line });
         }
         Ok(Self { scenes, devices, _servers: servers, _sockets: sockets })
     }

@@ -25,7 +25,6 @@ use crate::hw::plant::{Plant, Verdict};
 use crate::hw::port::{Delay, Port, PortFault};
 use crate::hw::scene::Scene;
 use crate::hw::serial::axis::Rules;
-use crate::hw::socket_camera::SocketCamera;
 use crate::motion::PERIOD;
 use crate::record::playback::Playback;
 use crate::registry::Simulation;
@@ -264,11 +263,12 @@ impl World {
         let rules = Rules { misses: bridge.missed_answers, ..Rules::default() };
         let port = port(bridge.kind, &devices, &arms, rules, to).map_err(failed)?;
         let cameras = cameras(config, node, |index| {
-            let name = &config.cell.cameras[index].name;
-            let device = devices.of_camera(name).map_err(failed)?;
-            let camera = SocketCamera::connect(name, &device.socket)
-                .map_err(|e| not_created("camera", &e.to_string()))?;
-            Ok(Box::new(camera))
+            let camera = &config.cell.cameras[index];
+            let device = devices.of_camera(&camera.name).map_err(failed)?;
+            let size = (camera.intrinsics.width, camera.intrinsics.height);
+            device
+                .open(size, devices.has_several_webcams())
+                .map_err(|e| not_created("camera", &e.to_string()))
         })?;
         Ok((Self::of_kind(Kind::Bridge(port), control), cameras.into(), Some(noted)))
     }

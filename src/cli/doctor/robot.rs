@@ -7,10 +7,13 @@ use super::devices::{asked, may_open};
 use super::finding::{Finding, Weight};
 use super::fix::{raw_io, trigger};
 use crate::cell::Arm;
+use crate::hw::camera_device::{CameraDevice, CameraLine};
 use crate::hw::devices::{
     Devices, EffectorDevices, ForceDevice, NAME_DEVICES, NoDevice, ask_parallel, ask_ports,
 };
 use crate::hw::serial::leads_to_line;
+use crate::hw::webcam::nodes::Nodes;
+use crate::hw::webcam::{NO_WEBCAMS, WebcamDevice};
 use crate::scenario::keys::BridgeKind;
 use crate::scenario::{CameraSource, ControllerConfig, Scenario};
 use rustix::io::Errno;
@@ -156,19 +159,39 @@ fn of_sensor(devices: &EffectorDevices) -> Vec<Refusal> {
 /// Returns why the socket of a camera cannot be used; `None` if it can.
 fn of_camera(devices: &Devices, name: &str) -> Option<Refusal> {
     match devices.of_camera(name) {
-        // The process that made the socket grants the rights to it. A rule of udev cannot.
-        Ok(camera) => may_open(&camera.socket)
-            .err()
-            .map(|errno| Refusal { fix: None, ..Refusal::of_device(&camera.socket, errno) }),
+        Ok(CameraDevice { line: CameraLine::Socket(socket), .. }) => {
+            // The process that made the socket grants the rights to it. A rule of udev cannot.
+            may_open(socket)
+                .err()
+                .map(|errno| Refusal { fix: None, ..Refusal::of_device(socket, errno) })
+        }
+        Ok(CameraDevice { line: CameraLine::V4l2(webcam), .. }) => of_webcam(name, webcam),
         Err(why) => Some(why.into()),
     }
+}
+
+/// Returns why a webcam cannot be used; `None` if it can, as far as this shows without opening it.
+fn of_webcam(name: &str, webcam: &WebcamDevice) -> Option<Refusal> {
+    let refusal =
+        |fact: &str, fix| Some(Refusal { fact: format!("camera \"{name}\": {fact}"), fix });
+    if !cfg!(feature = "v4l2") {
+        return refusal(&format!("{}: {NO_WEBCAMS}", webcam.device), None);
+    }
+    let path = match Nodes::default().find(&webcam.device) {
+        Ok(path) => path,
+        Err(why) => return refusal(&why, None),
+    };
+    let errno = may_open(&path).err()?;
+    // The devices of cameras belong to the group `video` of the system.
+    let fix = (errno == Errno::ACCESS).then(|| "sudo usermod -aG video $USER".to_owned());
+    refusal(&format!("{}: {errno}", path.display()), fix)
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::devices::ports;
     use super::*;
-    use crate::hw::devices::{CameraDevice, IsaDevice};
+    use crate::hw::devices::IsaDevice;
     use crate::hw::emulator::pty::Pty;
     use crate::motion::AXES;
     use crate::scenario::Override;
@@ -363,7 +386,10 @@ mod tests {
         let folder = Folder::new("doctor-camera");
         let text = IDLE.replace("camera = []\n", "") + "[[camera]]\nname = \"standalone\"\n";
         let camera = |name: &str, socket: &str| Devices {
-            camera: vec![CameraDevice { name: name.into(), socket: folder.0.join(socket) }],
+            camera: vec![CameraDevice {
+                name: name.into(),
+                line: CameraLine::Socket(folder.0.join(socket)),
+            }],
             ..with(postument(&folder))
         };
 
@@ -376,5 +402,12 @@ mod tests {
         );
         let (weight, fact, _) = look_at(&folder, &text, &camera("standalone", "line1"));
         assert!(weight == Weight::Good, "{fact}");
+
+        let mut webcam = camera("standalone", "line1");
+        webcam.camera[0].line = CameraLine::V4l2(WebcamDevice::named("/dev/nosuch"));
+        let (weight, fact, _) = look_at(&folder, &text, &webcam);
+        let wanted = if cfg!(feature = "v4l2") { "no such file" } else { "--features v4l2" };
+        assert!(weight == Weight::Refused && fact.contains(wanted), "{fact}");
+        assert!(fact.starts_with("camera \"standalone\": /dev/nosuch: "), "{fact}");
     }
 }

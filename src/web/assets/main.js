@@ -25,6 +25,8 @@ let seat = { own: false, taken: false, request: null };
 /** Whether the connection to the program is open, and whether the program ever sent a seat. */
 let line = false;
 let met = false;
+/** Whether the page shows a camera alone. */
+let scan = false;
 /** Reason why the program does not admit this page. */
 let denied = "";
 
@@ -36,6 +38,11 @@ const link = new Link({
     const facts = [stage.task && `task ${stage.task}`, stage.plant, stage.pace, stage.coordination, stage.task && `seed ${stage.seed}`];
     if (stage.version) $("version").textContent = `${facts.filter(Boolean).join(", ")} – version ${stage.version}`;
     if (!stage.version) return;
+    panels.setCameras(stage.cameras);
+    // A cube before a camera has no cell, no plan and no motion to stop.
+    scan = stage.task === "scan";
+    document.body.classList.toggle("scan", scan);
+    if (scan) return;
     scene.set(stage);
     const loose = (stage.objects ?? []).filter((object) => !object.fixed).map((object) => object.name);
     $("truth").hidden = !loose.length;
@@ -43,7 +50,6 @@ const link = new Link({
     curves.set(stage);
     manual.set(stage);
     parameters.set(stage);
-    panels.setCameras(stage.cameras);
   },
   plan: panels.showPlan,
   messages: panels.addMessages,
@@ -141,8 +147,10 @@ function show() {
   if (byHand) manual.show(s, own && control === "running");
   parameters.show(s, own && ["waiting", "running", "paused"].includes(control));
   document.querySelector("main").classList.toggle("blind", !s.cameras.length);
-  scene.show(s);
-  curves.show(s);
+  if (!scan) {
+    scene.show(s);
+    curves.show(s);
+  }
   net.show(s.net);
   $("cube-with").textContent = s.cube.with ? `cube: ${s.cube.with}` : "";
   panels.showActors(s.actors);
