@@ -28,7 +28,7 @@ join, and ends with the run. `packaging/systemd` starts it again for the next ru
 
 The node stops its arms when MP's node is silent for 0.1 s, and ends after 2 s. Ctrl-C ends the run
 on all nodes. A build without the network says how to build one.
-Keys of the object of --json: servo_hash, time_s, and if an error ended it: fault (code, text)
+Keys of the object of --json: servo_hash, time_s, and if an error ended it: fault (its code), reason
 Exit codes: 0 MP's node ended the run, 2 wrong usage or scenario, 3 an effector failed, 4 system
 error, 130 interrupted before a run.")]
 pub(super) struct NodeArgs {
@@ -111,7 +111,8 @@ fn tell(end: &NodeEnd, args: &NodeArgs, output: &mut Output) -> anyhow::Result<u
     if args.json {
         let mut told = serde_json::json!({ "servo_hash": end.servo_hash, "time_s": end.seconds });
         if let Some(error) = &end.error {
-            told["fault"] = serde_json::json!({ "code": error.code(), "text": error.to_string() });
+            told["fault"] = serde_json::json!(error.code());
+            told["reason"] = serde_json::json!(error.to_string());
         }
         output.line(&told.to_string())?;
     }
