@@ -8,10 +8,10 @@
 //!
 //! | fault | limit | consequence |
 //! |---|---|---|
-//! | dark first pictures | [`SETTLING`], [`FIXED`] | dropped when the stream starts |
-//! | pictures of before a pause | [`STALE`] | dropped: the driver keeps the oldest ones |
-//! | damaged picture | [`MOST_DAMAGED`] | the next one is taken |
-//! | no picture, device gone | [`PATIENCE`] | error; the next call opens the device again |
+//! | dark first pictures | `SETTLING`, `FIXED` | dropped when the stream starts |
+//! | pictures of before a pause | `STALE` | dropped: the driver keeps the oldest ones |
+//! | damaged picture | `MOST_DAMAGED` | the next one is taken |
+//! | no picture, device gone | `PATIENCE` | error; the next call opens the device again |
 //! | device in use | - | refused with the name of the other program |
 //! | node of metadata | - | refused with the node that has pictures |
 

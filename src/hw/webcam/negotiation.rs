@@ -47,7 +47,7 @@ impl From<io::Error> for Trouble {
     }
 }
 
-/// Starts a device in the first format of [`choices`] that it gives; returns the format.
+/// Starts a device in the first format of `choices` that it gives; returns the format.
 ///
 /// # Errors
 /// [`Trouble`] if no choice works.
