@@ -260,6 +260,8 @@ fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, Cow<'static
             Err("the least speed is 0.01 times real time; 0 is unlimited".into())
         }
         (Input::Parameter { .. }, Control::Terminated) => Err("the run is terminated".into()),
+        // Several orders before the start would be one input.
+        (Input::Parameter { .. }, Control::Waiting) => Err("the run has not started".into()),
         (Input::Parameter { parameter, value }, _) => {
             controls.bounds[*parameter].check(*value).map_err(|why| why.to_string())?;
             controls.orders.send_modify(|orders| orders.order(*parameter, *value));

@@ -42,7 +42,8 @@ Keys of the object of --json:
   arm_peak_force_n, arm_peak_torque_nm, grasps    largest contact and number of grasps of each arm
   exertion             current_share, heat_share, motor_speed_rad_s, near_person_mm_s,
                        arms_apart_mm, as in `run --json`
-  stuck (jams), slips, drops, pops, crushed, collisions, saturations (of force sensors): numbers
+  stuck (jams), slips, drops, pops, crushed, collisions, saturations (of force sensors),
+  moved_after_stop (arms): numbers
   events               events in the order of time, each [time (s), words]
   time_s, periods      duration, in s and in periods of 2 ms
   stalled_periods      periods without processor time
@@ -292,6 +293,7 @@ fn json(done: &Emulated) -> serde_json::Value {
         "crushed": v.counts.crushed,
         "collisions": v.counts.collisions,
         "saturations": v.counts.saturations,
+        "moved_after_stop": v.counts.violations.moved_after_stop,
         "events": done.events.iter().map(|(time, _, words)| (time, words)).collect::<Vec<_>>(),
         "time_s": done.time,
         "periods": done.course.periods,

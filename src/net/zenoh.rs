@@ -9,6 +9,9 @@
 //! | messages | block | interactive | each one must arrive |
 //! | values | drop | real-time | a late beat is worth less than the next one |
 //!
+//! Each lane has a thread of its own, so that values do not wait for messages. A full lane of
+//! values drops new ones.
+//!
 //! - in: endpoints, parcels
 //! - out: parcels
 
@@ -23,6 +26,9 @@ use zenoh::Wait as _;
 use zenoh::config::Config;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::{CongestionControl, Priority};
+
+/// Number of values that wait on a full link: those of about half a second.
+const VALUES: usize = 64;
 
 /// Session of a node with its peers.
 ///
@@ -85,7 +91,8 @@ impl Drop for Session {
 
 /// Link over a session.
 struct Carrier {
-    parcels: mpsc::Sender<(Lane, Vec<u8>)>,
+    messages: mpsc::Sender<Vec<u8>>,
+    values: mpsc::SyncSender<Vec<u8>>,
 }
 
 impl fmt::Debug for Carrier {
@@ -96,8 +103,11 @@ impl fmt::Debug for Carrier {
 
 impl Link for Carrier {
     fn send(&self, lane: Lane, parcel: Vec<u8>) {
-        // The thread ends only with this sender.
-        let _ = self.parcels.send((lane, parcel));
+        match lane {
+            // The threads end only with these senders.
+            Lane::Messages => drop(self.messages.send(parcel)),
+            Lane::Values => drop(self.values.try_send(parcel)),
+        }
     }
 }
 
@@ -114,11 +124,17 @@ impl Session {
             move || Ends::declare(&session, &name, end, &arrive)
         };
         let ends = outside(declare)?.map_err(|why| why.to_string())?;
-        let (parcels, sent) = mpsc::channel();
+        let Ends { messages, values, receivers } = ends;
+        let (to_messages, sent) = mpsc::channel();
         // A full link makes this thread wait, never an actor.
-        let thread = std::thread::Builder::new().name(format!("link {name}"));
-        thread.spawn(move || carry(&sent, &ends)).map_err(|why| why.to_string())?;
-        Ok((Arc::new(Carrier { parcels }), arriving))
+        spawn(format!("messages {name}"), move || carry(&sent, &messages))?;
+        let (to_values, sent) = mpsc::sync_channel(VALUES);
+        spawn(format!("values {name}"), move || {
+            carry(&sent, &values);
+            // The receivers end with the link.
+            drop(receivers);
+        })?;
+        Ok((Arc::new(Carrier { messages: to_messages, values: to_values }), arriving))
     }
 }
 
@@ -126,7 +142,7 @@ impl Session {
 struct Ends {
     messages: Publisher<'static>,
     values: Publisher<'static>,
-    _receivers: Vec<Subscriber<()>>,
+    receivers: Vec<Subscriber<()>>,
 }
 
 impl Ends {
@@ -158,14 +174,22 @@ impl Ends {
             .congestion_control(CongestionControl::Drop)
             .priority(Priority::RealTime)
             .express(true);
-        Ok(Self { messages: messages.wait()?, values: values.wait()?, _receivers: receivers })
+        Ok(Self { messages: messages.wait()?, values: values.wait()?, receivers })
     }
 }
 
+/// Starts a thread of a link.
+///
+/// # Errors
+/// If the system gives no thread.
+fn spawn(name: String, work: impl FnOnce() + Send + 'static) -> Result<(), String> {
+    let thread = std::thread::Builder::new().name(name).spawn(work);
+    thread.map(drop).map_err(|why| why.to_string())
+}
+
 /// Publishes parcels until their sender ends.
-fn carry(parcels: &mpsc::Receiver<(Lane, Vec<u8>)>, ends: &Ends) {
-    while let Ok((lane, parcel)) = parcels.recv() {
-        let publisher = if lane == Lane::Messages { &ends.messages } else { &ends.values };
+fn carry(parcels: &mpsc::Receiver<Vec<u8>>, publisher: &Publisher<'static>) {
+    while let Ok(parcel) = parcels.recv() {
         if let Err(why) = publisher.put(parcel).wait() {
             tracing::error!("a parcel to another node was not sent: {why}");
         }

@@ -79,8 +79,9 @@ pub const DECLARED: [Declaration; COUNT] = [
         name: "grip_n",
         key: "control.grip_n",
         unit: "N",
-        // Pads under 40 N carry 1.1 Nm about the axis of the jaws, and a turn needs 0.6 Nm.
-        range: 30.0..=55.0,
+        // Pads under 40 N carry 1.1 Nm about the axis of the jaws, and 1.8 Nm about that of a turn,
+        // which is stopped at 1.25 Nm: less grip would slip first.
+        range: 40.0..=55.0,
         rate: 5.0,
         meaning: "Grip force of the jaws on the cube.",
     },

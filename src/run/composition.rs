@@ -32,7 +32,7 @@ use crate::actors::tuning::Tuning;
 use crate::actors::watchdog::Supervision;
 use crate::actors::work::Work;
 use crate::cube::Facelets;
-use crate::error::Error;
+use crate::error::{Error, NonFatal};
 use crate::hw::driver::{Switches, Timing};
 use crate::hw::plant::Verdict;
 use crate::hw::scene::{Scene, SceneArm};
@@ -180,7 +180,7 @@ impl Composition<'_> {
         let beginning = Beginning::of(&world, &self.scenario.controller)?;
         self.operator.started(self.options.wait).await?;
         // Before the servos: without all nodes no drive is switched on.
-        let peers = Peers::join(self.scenario).await?;
+        let peers = self.peers().await?;
         let judge = entry_of(self.scenario)?.judge().map(|judge| Arc::new(Mutex::new(judge)));
         let (mut servos, jams) = self.start_servos(world, judge.clone())?;
         let services = self.services(servos.clock.clone());
@@ -226,6 +226,23 @@ impl Composition<'_> {
         let judgement = truth.as_ref().map(|truth| judged(&judge, scenario, truth));
         let judgement = judgement.transpose()?.flatten();
         Ok(Done { judgement, performed, truth, by_hand, hash, servo_hash, uncalibrated })
+    }
+
+    /// Waits until all other nodes on the wall clock have joined the run.
+    ///
+    /// # Errors
+    /// If one does not join, or the operator terminates the run before.
+    async fn peers(&self) -> Result<Peers, Error> {
+        let mut control = self.operator.control.subscribe();
+        tokio::select! {
+            biased;
+            peers = Peers::join(self.scenario) => peers,
+            Ok(_) = control.wait_for(|control| *control == Control::Terminated) => {
+                let actor = "supervisor".to_owned();
+                let cause = NonFatal::Terminated;
+                Err(Error::NonFatal { actor, place: "join".into(), cause })
+            }
+        }
     }
 
     /// Puts a gate between operator and run, so that inputs pass between two periods only. Returns
@@ -333,7 +350,7 @@ impl Composition<'_> {
         let mut nodes = Nodes::start(config, self.scenario.seed, &self.faults, services, peers);
         let beside = (&self.faults, &nodes);
         let drivers = start_drivers(config, servos, services, beside, by_hand);
-        nodes.begin(drivers.edps(), &servos.switches, services);
+        nodes.begin(drivers.edps(), servos, services).await?;
         home(&drivers, &config.cell, services, resumes).await?;
         start_actors(config, drivers, sources, services, (&self.faults, nodes)).await
     }

@@ -6,7 +6,7 @@
 
 use super::bridge_log::BridgeLog;
 use super::failure::not_created;
-use super::interrupt::Interrupt;
+use super::interrupt::{Interrupt, SWITCHES_OFF};
 use super::peers::identity;
 use super::recording;
 use super::servos::{self, BetweenPeriods, Drive, Links, Observer, Servos, start_servos};
@@ -25,7 +25,7 @@ use crate::actors::services::Services;
 use crate::actors::trace::Trace;
 use crate::actors::tuning::Tuning;
 use crate::actors::vsp::VspHandle;
-use crate::actors::watchdog::Supervision;
+use crate::actors::watchdog::{Outside, Supervision, Watchdog};
 use crate::actors::work::Work;
 use crate::emergency_stop::EmergencyStop;
 use crate::error::{Error, System};
@@ -47,6 +47,10 @@ use tokio::sync::watch;
 /// Time in which arms come to rest after the end of the link, before the drives are switched off.
 const STAND: Duration = Duration::from_millis(600);
 
+/// Time of the wall clock after which an actor that blocks all others counts as stuck.
+const STUCK: Duration = Duration::from_secs(1);
+/// Exit code of a process with a system error.
+const SYSTEM: i32 = 4;
 /// Time in which a last message leaves before the session ends.
 const SENT: Duration = Duration::from_millis(100);
 
@@ -90,7 +94,8 @@ pub(crate) fn host(
     let settings = config.network.settings.as_deref();
     let session = net::open(&[&node.endpoint], &[], settings).map_err(failed)?;
     let (link, parcels) = session.link(name, End::Node).map_err(failed)?;
-    let (sender, receiver) = (Sender::new(link), Receiver::new(parcels));
+    // The number of the run comes with the request to join.
+    let (sender, receiver) = (Sender::new(link, 0), Receiver::new(parcels));
     announce(&format!("node {name} waits for MP's node at {}", node.endpoint));
     let runtime = super::runtime(scenario.pace, true)?;
     let end = runtime.block_on(async {
@@ -132,24 +137,18 @@ impl Parts<'_> {
             }
         };
         let run = introduction.run;
+        self.sender = self.sender.of_run(run);
         let begun = self.begin(run, &stop, &control);
         let begun = begun.inspect_err(|error| {
             self.sender.send(&ToHome::Refused { run, why: error.to_string() });
         })?;
         announce("joined: the servo runs");
         let Begun { host, servos, trace, clock, watchdog, _log } = begun;
-        let interrupted = {
-            let watchdog = watchdog.clone();
-            let control = control.subscribe();
-            async move {
-                terminated(control).await;
-                let who = "node".to_owned();
-                let cause = System::Link { who: who.clone(), why: "it was interrupted".into() };
-                watchdog.raise(Error::System { actor: who, place: "signal".into(), cause });
-            }
-        };
-        let signals = tokio::spawn(interrupted);
-        let left = host.serve(self.receiver).await;
+        let signals = tokio::spawn(interrupted(control.subscribe(), watchdog.clone()));
+        let outside = watched(&watchdog, &servos)
+            .inspect_err(|_| servos.switches.stop.store(true, Ordering::Release))?;
+        let left = host.serve(self.receiver.of_run(run)).await;
+        drop(outside);
         signals.abort();
         drop(interrupt);
         let switches = Arc::clone(&servos.switches);
@@ -346,6 +345,7 @@ impl Parts<'_> {
             switches: Arc::clone(&servos.switches),
             stop_button: stop.button(),
             watchdog: services.supervision.watchdog.clone(),
+            way: Duration::from_secs_f64(config.network.link.longest(1)),
         })
     }
 
@@ -386,6 +386,22 @@ impl Parts<'_> {
     }
 }
 
+/// Watches the actors of a node from a thread outside their runtime, and ends the process if one of
+/// them blocks all others: no other part could do that.
+///
+/// # Errors
+/// If the system gives no thread.
+fn watched(watchdog: &Watchdog, servos: &Servos) -> Result<Outside, Error> {
+    let stop = servos.stop_button.clone();
+    let outside = watchdog.watched_from_outside(STUCK, move |error| {
+        stop.press();
+        tracing::error!("{error}: the drives were ordered to switch off, and the node ends");
+        std::thread::sleep(SWITCHES_OFF);
+        std::process::exit(SYSTEM);
+    });
+    outside.map_err(|why| not_created("watch", &why.to_string()))
+}
+
 /// The operator's control and parameters, as MP's node sends them to the actors of a node.
 type Orders = (watch::Sender<Control>, watch::Sender<Courses>);
 
@@ -395,7 +411,7 @@ struct Begun {
     servos: Servos,
     trace: Trace,
     clock: Clock,
-    watchdog: crate::actors::watchdog::Watchdog,
+    watchdog: Watchdog,
     /// Log of the bridge, which ends with this.
     _log: Option<BridgeLog>,
 }
@@ -414,6 +430,14 @@ fn vsp_of(
         vsp.owner == owner && carrier == arm
     });
     found.map(|(_, vsp)| vsp.clone())
+}
+
+/// Raises an error once a signal has terminated the node, so that MP's node ends the run.
+async fn interrupted(control: watch::Receiver<Control>, watchdog: Watchdog) {
+    terminated(control).await;
+    let who = "node".to_owned();
+    let cause = System::Link { who: who.clone(), why: "it was interrupted".into() };
+    watchdog.raise(Error::System { actor: who, place: "signal".into(), cause });
 }
 
 /// Waits until the run is terminated; for ever if nothing can do that any more.

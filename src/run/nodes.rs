@@ -10,24 +10,28 @@
 
 use super::disturbance::InjectedFaults;
 use super::peers::Peers;
+use super::servos::Servos;
 use crate::actors::edp::EdpHandle;
 use crate::actors::lookout::Watched;
 use crate::actors::remote::{Home, Watch};
 use crate::actors::services::Services;
 use crate::actors::watchdog::{silent_node, within};
 use crate::actors::way::{BEAT, Carries, Toward, Way};
-use crate::hw::driver::Switches;
+use crate::error::Error;
 use crate::motion::{ArmState, PERIOD};
 use crate::scenario::ControllerConfig;
 use crate::scenario::node_keys::NodeConfig;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
+use tokio::time::Instant;
 
 /// Least time without a beat, beyond the longest way of one, after which a node counts as dead. It
 /// is longer on a link that may lose all beats of this time.
 const SILENCE: Duration = Duration::from_millis(120);
 
+/// Longest time in which nodes on the wall clock switch their drives off.
+const LEAVES: Duration = Duration::from_secs(3);
 /// Longest time between two states that the EDP of a moving arm publishes, with one of them lost.
 const PUBLISHED: Duration = Duration::from_millis(100);
 
@@ -61,29 +65,35 @@ impl Nodes {
 
     /// Begins the exchange with the nodes on the wall clock. `edps` are the EDPs as MP's node sees
     /// them.
-    pub(super) fn begin(
+    ///
+    /// # Errors
+    /// If the beats of a node do not come back.
+    pub(super) async fn begin(
         &mut self,
         edps: &[EdpHandle],
-        switches: &Arc<Switches>,
+        servos: &Servos,
         services: &Services,
-    ) {
-        let way = self.peers.way;
+    ) -> Result<(), Error> {
         for peer in std::mem::take(&mut self.peers.waiting) {
             let others = edps.iter().enumerate().filter(|(i, _)| !peer.node.edps.contains(i));
             let watch = Watch {
                 services: services.clone(),
-                switches: Arc::clone(switches),
+                switches: Arc::clone(&servos.switches),
+                stop_button: servos.stop_button.clone(),
                 states: others.map(|(i, edp)| (i, edp.watch())).collect(),
-                way,
+                stopped: Arc::clone(&self.peers.stopped),
             };
-            peer.home.start(peer.receiver, watch);
+            peer.home.start(peer.receiver, watch).await?;
         }
+        Ok(())
     }
 
     /// Ends the parts of the nodes on the wall clock in the run.
     pub(super) async fn leave(&self) {
+        self.peers.dismiss();
+        let limit = Instant::now() + LEAVES;
         for peer in &self.peers.all {
-            peer.home.leave().await;
+            peer.home.gone(limit).await;
         }
     }
 

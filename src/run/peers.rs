@@ -4,7 +4,7 @@
 //! - out: the end of the link to each of them, and the state of their arms
 
 use super::failure::not_created;
-use crate::actors::remote::{Home, Introduction, Joined, Receiver, Sender, ToHome};
+use crate::actors::remote::{Home, Introduction, Joined, Receiver, Sender, Stopped, ToHome};
 use crate::error::Error;
 use crate::net::{self, End, Session};
 use crate::record::build;
@@ -19,7 +19,7 @@ const SENT: Duration = Duration::from_millis(100);
 /// Number of losses of one message for which limits of time leave room.
 const LOSSES: u32 = 3;
 
-/// Nodes that have joined a run.
+/// Nodes that have joined a run, or are about to.
 #[derive(Default)]
 pub(super) struct Peers {
     /// The nodes.
@@ -28,8 +28,10 @@ pub(super) struct Peers {
     pub(super) waiting: Vec<Waiting>,
     /// Longest time of a value on its way.
     pub(super) way: Duration,
+    /// Nodes with a stopped arm.
+    pub(super) stopped: Stopped,
     /// Session that carries the links; `None` without other nodes.
-    _session: Option<Session>,
+    session: Option<Session>,
 }
 
 /// Node that has joined a run.
@@ -53,15 +55,21 @@ pub(super) struct Waiting {
 }
 
 impl Drop for Peers {
-    /// Ends the parts of the nodes in a run that could not begin.
+    /// Ends the parts of the nodes in a run that could not begin or was broken off.
     fn drop(&mut self) {
-        if self.all.iter().any(|peer| peer.home.dismiss()) {
+        if self.dismiss() > 0 {
             std::thread::sleep(SENT);
         }
     }
 }
 
 impl Peers {
+    /// Ends the parts of all nodes in the run. Returns the number of those whose part had not been
+    /// ended before.
+    pub(super) fn dismiss(&self) -> usize {
+        self.all.iter().filter(|peer| peer.home.dismiss()).count()
+    }
+
     /// Asks all other nodes of a scenario to take part in the run. On the virtual clock there are
     /// none.
     ///
@@ -76,16 +84,20 @@ impl Peers {
         let failed = |why: String| not_created("network", &why);
         let session = net::open(&[], &endpoints, network.settings.as_deref()).map_err(failed)?;
         let introduction = introduction(scenario);
-        let (mut all, mut waiting) = (Vec::new(), Vec::new());
+        let way = Duration::from_secs_f64(network.link.longest(1));
+        let trip = Duration::from_secs_f64(2.0 * network.link.longest(LOSSES));
+        let mut peers = Self::default();
+        peers.way = way;
         for node in &network.nodes {
             let who = format!("node {}", node.name);
             let failed = |why: String| not_created(&who, &why);
             let (link, parcels) = session.link(&node.name, End::Home).map_err(failed)?;
-            let trip = Duration::from_secs_f64(2.0 * network.link.longest(LOSSES));
-            let home = Home::new(&node.name, Sender::new(link), trip);
-            let mut receiver = Receiver::new(parcels);
+            let home = Home::new(&node.name, Sender::new(link, introduction.run), trip, way);
+            let mut receiver = Receiver::new(parcels).of_run(introduction.run);
+            // A node that joins too late is told that the run is over.
+            peers.all.push(Peer { node: node.clone(), home: home.clone(), arms: Vec::new() });
             tracing::info!("waiting for node {} at {}", node.name, node.endpoint);
-            let arms = home.join(&mut receiver, &introduction, JOINS).await.map_err(|why| {
+            let joined = home.join(&mut receiver, &introduction, JOINS).await.map_err(|why| {
                 failed(format!(
                     "{why}; it is to run at {} by `rubik-robot node {} --scenario {}`",
                     node.endpoint,
@@ -93,11 +105,15 @@ impl Peers {
                     scenario.path.display()
                 ))
             })?;
-            waiting.push(Waiting { node: node.clone(), home: home.clone(), receiver });
-            all.push(Peer { node: node.clone(), home, arms });
+            // While the others join, the arms of this one stand by.
+            home.keep_alive();
+            if let Some(peer) = peers.all.last_mut() {
+                peer.arms = joined;
+            }
+            peers.waiting.push(Waiting { node: node.clone(), home, receiver });
         }
-        let way = Duration::from_secs_f64(network.link.longest(1));
-        Ok(Self { all, waiting, way, _session: Some(session) })
+        peers.session = Some(session);
+        Ok(peers)
     }
 }
 

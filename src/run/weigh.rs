@@ -72,6 +72,12 @@ pub(crate) fn weigh_tool(
 ) -> Result<(Weighed, usize), Error> {
     let scenario = &scenario.at_usual_period();
     let control = Arc::new(watch::channel(Control::Running).0);
+    if scenario.controller.network.is_real {
+        let actor = "supervisor".to_owned();
+        let why = "weigh the tools of each host with a scenario without [[node]]".to_owned();
+        let cause = NonFatal::Arguments(why);
+        return Err(Error::NonFatal { actor, place: "weigh".into(), cause });
+    }
     let world = if scenario.bridge.kind.is_hardware() {
         World::of_hardware(scenario, None, &control)?.0
     } else {

@@ -317,7 +317,7 @@ mod tests {
         let edp = read("\"edp postument\"", "tcp/127.0.0.1:7447", "");
         assert!(edp.contains("needs \"ecp postument\" on the same node"), "{edp}");
         let simulated = faults(&format!("pace = \"real-time\"\n{NODE}actors = [{vsp}]\n"));
-        assert!(simulated.contains("need hardware"), "{simulated}");
+        assert!(simulated.contains("nodes on the wall clock"), "{simulated}");
     }
 
     #[test]

@@ -8,7 +8,8 @@
 //! The checks compare keys with each other: a faster turn is safe only with enough torque. So the
 //! declared ranges are cut until the corners of the box that they span pass all checks. Each check
 //! is monotonic in each key, so that all values in the box pass as well, in whatever order the
-//! operator changes them.
+//! operator changes them. The checks do not know the forces that a task orders itself, so the force
+//! limit can only be raised.
 
 use super::check;
 use super::draft::Draft;
@@ -24,6 +25,10 @@ use crate::operator::parameter::{AllBounds, Bounds, DECLARED};
 
 /// Number of times that the distance of a bound to the usual value is halved before it is given up.
 const HALVINGS: u32 = 6;
+
+/// Greatest force of a palm that presses the cube, as a multiple of the force of an approach: it
+/// presses with twice as much, and overshoots by a quarter.
+const PRESS: f64 = 2.5;
 
 /// Parameters that the checks of a scenario compare with each other.
 const CHECKED: [Parameter; 6] = [
@@ -81,7 +86,10 @@ fn bounds(root: &Root, arms: &[Option<Arm>], keeper: Keeper) -> AllBounds {
             continue;
         }
         let is_checked = CHECKED.contains(&declared.parameter);
-        for end in [*declared.range.start(), *declared.range.end()] {
+        // A task may order a force of its own up to the limit, so it is never lowered.
+        let rises = declared.parameter == Parameter::ForceLimit;
+        let start = if rises { usual } else { *declared.range.start() };
+        for end in [start, *declared.range.end()] {
             let cut = (0..HALVINGS).map(|n| usual + (end - usual) * 0.5_f64.powi(n as i32));
             let found = cut.into_iter().find(|bound| {
                 let mut wider = all;
@@ -116,6 +124,7 @@ fn is_safe(all: &AllBounds, root: &Root, (arms, keeper): (&[Option<Arm>], Keeper
         motion::checks(&root, arms, &mut faults);
         check::hand_force(&root.control, keeper, &mut faults);
         faults.faults.0.is_empty()
+            && PRESS * root.control.approach_force <= root.control.force_limit
     })
 }
 
@@ -183,8 +192,11 @@ mod tests {
         // The motor of the roll limits the speed of a turn, and its speed the least torque.
         assert!(swift[Parameter::TurnSpeed].most < 60.0);
         assert!(swift[Parameter::TurnTorque].least > 1.5);
-        let gentle = read("[control]\nprofile = \"workshop\"", &[]).unwrap().controller.bounds;
-        assert!(gentle[Parameter::ForceLimit].least < swift[Parameter::ForceLimit].least);
+        // A task may order forces up to the limit, and a palm presses with 2.5 times the force of
+        // an approach.
+        let limit = swift[Parameter::ForceLimit];
+        assert!(limit.least == limit.usual && limit.most > limit.usual);
+        assert!(PRESS * swift[Parameter::ApproachForce].most <= limit.least);
     }
 
     #[test]
@@ -205,7 +217,7 @@ mod tests {
         let unknown = read(&order("a", 1.0, "gripp_n", 50.0), &[]).unwrap_err();
         assert!(unknown.contains("`order.a.parameter`: there is no parameter"), "{unknown}");
         let strong = read(&order("a", 1.0, "grip_n", 56.0), &[]).unwrap_err();
-        assert!(strong.contains("`order.a.value`: grip_n: 56 is outside 30..55"), "{strong}");
+        assert!(strong.contains("`order.a.value`: grip_n: 56 is outside 40..55"), "{strong}");
     }
 
     proptest! {

@@ -119,7 +119,7 @@ fn order_reaches_ecp_on_another_node() {
     assert!((firm - usual - 10.0).abs() < 2.0, "{usual} N, {firm} N");
 }
 
-/// Values at the ends of their bounds, all at once and in mid-mission, leave a mission solved.
+/// Many values far from the usual ones, ordered in mid-mission, leave the mission solved.
 #[test]
 fn mission_with_all_parameters_changed_solves_cube() {
     let orders = [

@@ -5,6 +5,7 @@
 //! requests.
 
 use super::SILENT;
+use super::beats::Beats;
 use super::line::{Receiver, Sender};
 use super::message::{
     Answer, Ask, EcpAsk, EdpAsk, HomeBeat, Introduction, NodeBeat, Tell, ToHome, ToNode,
@@ -18,13 +19,14 @@ use crate::actors::services::Services;
 use crate::actors::vsp::{self, VspHandle};
 use crate::actors::watchdog::{Watchdog, silent_node};
 use crate::actors::way::BEAT;
+use crate::emergency_stop::StopButton;
 use crate::error::{Error, System};
 use crate::generators::{Outcome, Target};
 use crate::hw::driver::Switches;
 use crate::motion::ArmState;
 use crate::operator::parameter::Courses;
 use crate::vision::sensor::FaceReading;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -34,8 +36,10 @@ use tokio::time::Instant;
 /// Time between two requests to join.
 const AGAIN: Duration = Duration::from_millis(500);
 
-/// Longest time in which a node switches its drives off.
-const LEAVES: Duration = Duration::from_secs(3);
+/// Longest time in which a node learns the difference of the periods.
+const MAPPED: Duration = Duration::from_secs(2);
+/// Time after which the state of an arm is sent again.
+const RESEND: Duration = Duration::from_millis(100);
 
 /// Result of joining: the effectors of the node, each with whether its arm is synchronised.
 pub(crate) type Joined = Vec<(usize, bool)>;
@@ -47,9 +51,13 @@ pub(crate) struct Home {
     sender: Sender<ToNode>,
     /// Longest time of a request and its answer on their way.
     trip: Duration,
+    /// Longest time of a beat on its way.
+    way: Duration,
     desk: Arc<Mutex<Desk>>,
     /// Whether the node has ended its part of the run.
     ended: Arc<watch::Sender<bool>>,
+    /// Whether the node knows the difference of the periods.
+    mapped: Arc<watch::Sender<bool>>,
 }
 
 /// Places to which the messages of the node go.
@@ -64,8 +72,11 @@ struct Desk {
     to_mp: BTreeMap<usize, mpsc::UnboundedSender<Report>>,
     /// Whether the node's part of the run was ended.
     dismissed: bool,
-    /// Last beat of the node, and the time of its arrival.
-    beat: Option<(u64, Instant)>,
+    /// Whether the exchange has begun.
+    begun: bool,
+    beats: Beats,
+    /// Time of the last beat of the node that shows that messages come in time.
+    timely: Option<Instant>,
 }
 
 /// Channel of an answer.
@@ -80,16 +91,45 @@ enum Waiting {
     Begun(Reply<()>),
 }
 
+/// Nodes with an arm that a fault stops.
+pub(crate) type Stopped = Arc<Mutex<BTreeSet<String>>>;
+
 /// Parts of MP's node that a link watches and serves.
 pub(crate) struct Watch {
     /// Services of the run.
     pub(crate) services: Services,
     /// Switches of the servos of MP's node.
     pub(crate) switches: Arc<Switches>,
+    /// Button of the emergency stop that these servos read.
+    pub(crate) stop_button: StopButton,
     /// States of the arms that the node does not have itself, by effector.
     pub(crate) states: Vec<(usize, watch::Receiver<ArmState>)>,
-    /// Longest time of a value on its way.
-    pub(crate) way: Duration,
+    /// Nodes with a stopped arm, which all links of the run share.
+    pub(crate) stopped: Stopped,
+}
+
+/// Switches of the servos of MP's node, as the beats of other nodes set them.
+struct Arms {
+    switches: Arc<Switches>,
+    stop_button: StopButton,
+    stopped: Stopped,
+}
+
+impl Arms {
+    /// Takes a beat of the node `name`. The arms stand by while an arm of any node is stopped: both
+    /// hands may hold one cube.
+    fn take(&self, name: &str, beat: &NodeBeat) {
+        if beat.pressed {
+            self.stop_button.press();
+        }
+        let mut stopped = self.stopped.lock().unwrap_or_else(PoisonError::into_inner);
+        if beat.stopped {
+            stopped.insert(name.to_owned());
+        } else {
+            stopped.remove(name);
+        }
+        self.switches.stands_by.store(!stopped.is_empty(), Ordering::Release);
+    }
 }
 
 impl Waiting {
@@ -109,9 +149,10 @@ impl Waiting {
 
 impl Home {
     /// Makes MP's end of the link to the node `name`. A request and its answer are on their way for
-    /// `trip` at most.
-    pub(crate) fn new(name: &str, sender: Sender<ToNode>, trip: Duration) -> Self {
-        Self { name: name.to_owned(), sender, trip, desk: Arc::default(), ended: Arc::default() }
+    /// `trip` at most, a beat for `way`.
+    pub(crate) fn new(name: &str, sender: Sender<ToNode>, trip: Duration, way: Duration) -> Self {
+        let (ended, mapped) = (Arc::default(), Arc::default());
+        Self { name: name.to_owned(), sender, trip, way, desk: Arc::default(), ended, mapped }
     }
 
     /// Asks the node to take part in a run, until it answers, at most for `limit`. Returns its
@@ -145,36 +186,60 @@ impl Home {
         tokio::time::timeout(limit, answered).await.map_err(|_| silent())?
     }
 
+    /// Sends beats to a node that has joined, until the exchange begins: its arms stand by.
+    pub(crate) fn keep_alive(&self) {
+        let home = self.clone();
+        tokio::spawn(async move {
+            while !home.desk().begun && !home.desk().dismissed {
+                home.send_beat(None, false, true);
+                tokio::time::sleep(BEAT).await;
+            }
+        });
+    }
+
     /// Starts the exchange with the node: beats, control and states go out, and the node's messages
-    /// come in.
-    pub(crate) fn start(&self, mut receiver: Receiver<ToHome>, watch: Watch) {
-        let Watch { services, switches, states, way } = watch;
+    /// come in. Returns once the node knows the difference of the periods.
+    ///
+    /// # Errors
+    /// If the node does not learn it in [`MAPPED`].
+    pub(crate) async fn start(
+        &self,
+        mut receiver: Receiver<ToHome>,
+        watch: Watch,
+    ) -> Result<(), Error> {
+        let Watch { services, switches, stop_button, states, stopped } = watch;
         let Services { clock, control, tuning, trace, supervision, .. } = services;
-        self.send_beats(clock, Arc::clone(&switches), supervision.watchdog.clone(), way);
+        self.desk().begun = true;
+        self.send_beats(clock, Arc::clone(&switches), supervision.watchdog.clone());
+        let (home, latest) = (self.clone(), trace.latest().cloned());
+        let watchdog = supervision.watchdog.clone();
+        let arms = Arms { switches, stop_button, stopped };
+        tokio::spawn(async move {
+            while let Some(message) = receiver.recv().await {
+                match message {
+                    Ok(message) => home.take(message, &arms, &watchdog, latest.as_ref()),
+                    Err(why) => watchdog.raise(home.failed(why)),
+                }
+            }
+        });
+        let mut mapped = self.mapped.subscribe();
+        let known = tokio::time::timeout(MAPPED, mapped.wait_for(|mapped| *mapped)).await;
+        if known.is_err() {
+            return Err(self.failed("its beats do not come back in time".to_owned()));
+        }
         self.send_control(control);
         self.send_parameters(tuning.courses());
         for (effector, state) in states {
             self.send_states(effector, state);
         }
-        let (home, latest) = (self.clone(), trace.latest().cloned());
-        let watchdog = supervision.watchdog.clone();
-        tokio::spawn(async move {
-            while let Some(message) = receiver.recv().await {
-                match message {
-                    Ok(message) => home.take(message, &switches, &watchdog, latest.as_ref()),
-                    Err(why) => watchdog.raise(home.failed(why)),
-                }
-            }
-        });
+        Ok(())
     }
 
-    /// Ends the node's part of the run, and waits until its drives are off.
-    pub(crate) async fn leave(&self) {
-        if self.dismiss() {
-            let mut ended = self.ended.subscribe();
-            // A node that is dead does not answer.
-            let _ = tokio::time::timeout(LEAVES, ended.wait_for(|ended| *ended)).await;
-        }
+    /// Waits until the drives of a node that was dismissed are off, at most until `limit`: a node
+    /// that is dead does not answer.
+    pub(crate) async fn gone(&self, limit: Instant) {
+        let mut ended = self.ended.subscribe();
+        let _ = tokio::time::timeout_at(limit, ended.wait_for(|ended| *ended)).await;
     }
 
     /// Sends no beat any more, as a node that is dead.
@@ -317,29 +382,37 @@ impl Home {
     }
 
     /// Sends a beat every [`BEAT`], and raises an error once those of the node do not arrive.
-    fn send_beats(&self, clock: Clock, switches: Arc<Switches>, watchdog: Watchdog, way: Duration) {
-        let (home, limit) = (self.clone(), SILENT + way);
+    fn send_beats(&self, clock: Clock, switches: Arc<Switches>, watchdog: Watchdog) {
+        let (home, limit) = (self.clone(), SILENT + self.way);
         tokio::spawn(async move {
             let begun = Instant::now();
-            loop {
-                let beat = home.desk().beat;
-                let last = beat.map_or(begun, |(_, at)| at);
-                if home.desk().dismissed {
-                    return;
+            let silence = |home: &Self| home.desk().timely.unwrap_or(begun).elapsed();
+            while !home.desk().dismissed {
+                let pressed = switches.emergency.is_pressed();
+                let stands_by = switches.hold.load(Ordering::Acquire)
+                    || switches.stands_by.load(Ordering::Acquire)
+                    || switches.has_stopped();
+                home.send_beat(Some(clock.period()), pressed, stands_by);
+                if silence(&home) > limit {
+                    // If this process was stalled, beats wait for the task that takes them.
+                    tokio::task::yield_now().await;
+                    let silent = silence(&home);
+                    if silent > limit {
+                        watchdog.raise(silent_node(format!("node {}", home.name), silent));
+                    }
                 }
-                if last.elapsed() > limit {
-                    watchdog.raise(silent_node(format!("node {}", home.name), last.elapsed()));
-                }
-                let echo = beat.map(|(number, at)| (number, at.elapsed().as_micros() as u64));
-                home.sender.send(&ToNode::Beat(HomeBeat {
-                    period: clock.period(),
-                    echo,
-                    pressed: switches.emergency.is_pressed(),
-                    hold: switches.hold.load(Ordering::Acquire) || switches.has_stopped(),
-                }));
                 tokio::time::sleep(BEAT).await;
             }
         });
+    }
+
+    /// Sends a beat.
+    fn send_beat(&self, period: Option<u64>, pressed: bool, stands_by: bool) {
+        let (number, echo) = {
+            let beats = &mut self.desk().beats;
+            (beats.next(), beats.echo())
+        };
+        self.sender.send(&ToNode::Beat(HomeBeat { number, period, echo, pressed, stands_by }));
     }
 
     /// Sends the operator's control, now and at each change.
@@ -372,7 +445,8 @@ impl Home {
     fn send_states(&self, effector: usize, mut state: watch::Receiver<ArmState>) {
         let home = self.clone();
         tokio::spawn(async move {
-            while state.changed().await.is_ok() {
+            // The last state of a motion may be lost, and no newer one follows.
+            while !matches!(tokio::time::timeout(RESEND, state.changed()).await, Ok(Err(_))) {
                 home.sender.send(&ToNode::State(effector, *state.borrow_and_update()));
             }
         });
@@ -382,7 +456,7 @@ impl Home {
     fn take(
         &self,
         message: ToHome,
-        switches: &Switches,
+        arms: &Arms,
         watchdog: &Watchdog,
         latest: Option<&LatestValues>,
     ) {
@@ -400,17 +474,9 @@ impl Home {
                 }
             }
             ToHome::Failed(error) => watchdog.raise(error),
-            ToHome::Beat(NodeBeat { number, alive, stopped }) => {
-                desk.beat = Some((number, Instant::now()));
-                for (effector, count) in alive {
-                    if let Some(alive) = desk.alive.get(&effector) {
-                        alive.store(count, Ordering::Relaxed);
-                    }
-                }
-                // Both hands may hold one cube.
-                if stopped {
-                    switches.hold.store(true, Ordering::Release);
-                }
+            ToHome::Beat(beat) => {
+                self.take_beat(&mut desk, &beat);
+                arms.take(&self.name, &beat);
             }
             ToHome::State(effector, state) => {
                 if let Some(latest) = latest {
@@ -428,6 +494,24 @@ impl Home {
             // Answers to requests to join that were repeated.
             ToHome::Joined { .. } | ToHome::Refused { .. } => {}
             ToHome::Ended => drop(self.ended.send_replace(true)),
+        }
+    }
+
+    /// Takes a beat of the node.
+    fn take_beat(&self, desk: &mut Desk, beat: &NodeBeat) {
+        desk.beats.arrived(beat.number);
+        // A beat whose echo is old has waited behind others: orders would wait as well.
+        let late = beat.echo.is_some_and(|echo| desk.beats.trip(echo) > SILENT + 2 * self.way);
+        if !late {
+            desk.timely = Some(Instant::now());
+        }
+        for (effector, count) in &beat.alive {
+            if let Some(alive) = desk.alive.get(effector) {
+                alive.store(*count, Ordering::Relaxed);
+            }
+        }
+        if beat.mapped {
+            self.mapped.send_if_modified(|mapped| !std::mem::replace(mapped, true));
         }
     }
 

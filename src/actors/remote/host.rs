@@ -7,10 +7,11 @@
 //! The servo lives by the beats of MP's node: without them it brakes and trips, as it does without
 //! actors.
 
-use super::GONE;
+use super::beats::Beats;
 use super::line::{Receiver, Sender};
 use super::message::{Answer, Ask, EcpAsk, EdpAsk, HomeBeat, NodeBeat, Tell, ToHome, ToNode};
 use super::offset::{Estimator, Offset};
+use super::{GONE, SILENT};
 use crate::actors::clock::Clock;
 use crate::actors::control::Control;
 use crate::actors::ecp::{self, EcpHandle, Outbox};
@@ -19,19 +20,19 @@ use crate::actors::vsp::{self, VspHandle};
 use crate::actors::watchdog::Watchdog;
 use crate::actors::way::BEAT;
 use crate::emergency_stop::StopButton;
-use crate::error::Error;
+use crate::error::{Error, System};
 use crate::hw::driver::Switches;
 use crate::motion::ArmState;
 use crate::operator::parameter::Courses;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::Instant;
 
-/// Number of the last beats whose times are kept: those of 2 s.
-const BEATS: usize = 100;
+/// Time after which the state of an arm is sent again.
+const RESEND: Duration = Duration::from_millis(100);
 
 /// Actors of a node, and what they share with MP's node.
 pub(crate) struct Host {
@@ -45,7 +46,7 @@ pub(crate) struct Host {
     pub(crate) edps: BTreeMap<usize, EdpHandle>,
     /// ECPs of the node, by effector.
     pub(crate) ecps: BTreeMap<usize, EcpHandle>,
-    /// VSPs whose owner is on MP's node, by their index.
+    /// VSPs of the node, by their index.
     pub(crate) vsps: BTreeMap<usize, VspHandle>,
     /// States of the arms of other nodes, by effector.
     pub(crate) states: BTreeMap<usize, watch::Sender<ArmState>>,
@@ -63,6 +64,27 @@ pub(crate) struct Host {
     pub(crate) stop_button: StopButton,
     /// Watchdog of the node's actors.
     pub(crate) watchdog: Watchdog,
+    /// Longest time of a beat on its way.
+    pub(crate) way: Duration,
+}
+
+/// Queues of requests to the actors of a node. An actor that is at work takes no request, and beats
+/// must not wait for it.
+#[derive(Default)]
+struct Queues {
+    edps: BTreeMap<usize, mpsc::UnboundedSender<edp::Request>>,
+    ecps: BTreeMap<usize, mpsc::UnboundedSender<ecp::Request>>,
+    vsps: BTreeMap<usize, mpsc::UnboundedSender<vsp::Look>>,
+}
+
+/// Course of a node's beats.
+struct Course {
+    beats: Beats,
+    estimator: Estimator,
+    /// Whether the difference of the periods is known.
+    mapped: watch::Sender<bool>,
+    /// Time of the last beat that shows that messages come in time.
+    timely: Instant,
 }
 
 /// End of a node's part of a run.
@@ -80,46 +102,46 @@ impl Host {
     /// Serves MP's node to the end of the run.
     pub(crate) async fn serve(self, mut receiver: Receiver<ToNode>) -> Left {
         self.join(self.run);
+        let (mapped, is_mapped) = watch::channel(false);
         for (effector, edp) in &self.edps {
-            self.send_states(*effector, edp.watch());
+            self.send_states(*effector, edp.watch(), is_mapped.clone());
         }
         for (index, vsp) in &self.vsps {
             self.send_targets(*index, vsp);
         }
+        let queues = self.queues();
         let watchdog = self.watchdog.clone();
         let mut failure = std::pin::pin!(watchdog.raised());
-        let mut estimator = Estimator::new(self.offset.clone());
-        let mut sent = VecDeque::new();
-        let (mut number, mut last, mut failed) = (0, Instant::now(), None);
+        let estimator = Estimator::new(self.offset.clone());
+        let beats = Beats::default();
+        let mut course = Course { beats, estimator, mapped, timely: Instant::now() };
+        let mut failed = None;
         let mut beats = tokio::time::interval(BEAT);
         loop {
             tokio::select! {
                 biased;
                 error = &mut failure, if failed.is_none() => {
+                    // Nothing waits for MP's node: an actor is broken.
+                    self.switches.hold.store(true, Ordering::Release);
                     self.sender.send(&ToHome::Failed(error.clone()));
                     failed = Some(error);
                 }
                 message = receiver.recv() => match message {
                     Some(Ok(ToNode::Leave)) => return failed.map_or(Left::Over, Left::Failed),
-                    Some(Ok(ToNode::Beat(beat))) => {
-                        last = Instant::now();
-                        self.beat(&beat, &sent, &mut estimator);
+                    Some(Ok(ToNode::Beat(beat))) => self.beat(&beat, &mut course),
+                    Some(Ok(message)) => self.take(message, &queues),
+                    Some(Err(why)) => {
+                        self.sender.send(&ToHome::Failed(failure_of_link(why.clone())));
+                        return Left::Alone(why);
                     }
-                    Some(Ok(message)) => self.take(message).await,
-                    Some(Err(why)) => return Left::Alone(why),
                     None => return Left::Alone("the link has ended".to_owned()),
                 },
                 _ = beats.tick() => {
-                    if last.elapsed() > GONE {
+                    if course.timely.elapsed() > GONE {
                         let silent = format!("no beat of MP's node in {} s", GONE.as_secs());
                         return failed.map_or(Left::Alone(silent), Left::Failed);
                     }
-                    number += 1;
-                    if sent.len() == BEATS {
-                        sent.pop_front();
-                    }
-                    sent.push_back((number, Instant::now()));
-                    self.send_beat(number);
+                    self.send_beat(&mut course);
                 }
             }
         }
@@ -135,35 +157,79 @@ impl Host {
     }
 
     /// Sends a beat.
-    fn send_beat(&self, number: u64) {
+    fn send_beat(&self, course: &mut Course) {
         let alive = self.ecps.iter().map(|(effector, ecp)| (*effector, ecp.signs_of_life()));
-        let stopped = self.switches.has_stopped();
-        self.sender.send(&ToHome::Beat(NodeBeat { number, alive: alive.collect(), stopped }));
+        self.sender.send(&ToHome::Beat(NodeBeat {
+            number: course.beats.next(),
+            echo: course.beats.echo(),
+            mapped: *course.mapped.borrow(),
+            alive: alive.collect(),
+            stopped: self.switches.has_stopped(),
+            pressed: self.switches.emergency.is_pressed(),
+        }));
     }
 
-    /// Takes a beat of MP's node. `sent` has the numbers and times of the node's own last beats.
-    fn beat(&self, beat: &HomeBeat, sent: &VecDeque<(u64, Instant)>, estimator: &mut Estimator) {
-        self.switches.beats.fetch_add(1, Ordering::Relaxed);
+    /// Takes a beat of MP's node. One whose echo is old has waited behind others, and an order to
+    /// stop would wait as well: it does not count.
+    fn beat(&self, beat: &HomeBeat, course: &mut Course) {
+        course.beats.arrived(beat.number);
         if beat.pressed {
             self.stop_button.press();
         }
-        if beat.hold {
-            self.switches.hold.store(true, Ordering::Release);
+        self.switches.stands_by.store(beat.stands_by, Ordering::Release);
+        let trip = beat.echo.map(|echo| course.beats.trip(echo));
+        if trip.is_some_and(|trip| trip > SILENT + 2 * self.way) {
+            return;
         }
-        let echoed = beat.echo.and_then(|(number, held)| {
-            let (_, at) = sent.iter().find(|(sent, _)| *sent == number)?;
-            Some(at.elapsed().saturating_sub(Duration::from_micros(held)))
-        });
-        if let Some(trip) = echoed {
-            estimator.beat(trip.as_secs_f64(), beat.period, self.clock.period());
+        course.timely = Instant::now();
+        self.switches.beats.fetch_add(1, Ordering::Relaxed);
+        if let (Some(trip), Some(period)) = (trip, beat.period) {
+            course.estimator.beat(trip.as_secs_f64(), period, self.clock.period());
+            course.mapped.send_if_modified(|mapped| !std::mem::replace(mapped, true));
         }
     }
 
+    /// Starts the queues to the actors.
+    fn queues(&self) -> Queues {
+        let mut queues = Queues::default();
+        for (effector, edp) in &self.edps {
+            let (to, mut requests) = mpsc::unbounded_channel();
+            let edp = edp.clone();
+            queues.edps.insert(*effector, to);
+            tokio::spawn(async move {
+                while let Some(request) = requests.recv().await {
+                    edp.pass(request).await;
+                }
+            });
+        }
+        for (effector, ecp) in &self.ecps {
+            let (to, mut requests) = mpsc::unbounded_channel();
+            let ecp = ecp.clone();
+            queues.ecps.insert(*effector, to);
+            tokio::spawn(async move {
+                while let Some(request) = requests.recv().await {
+                    ecp.pass(request).await;
+                }
+            });
+        }
+        for (index, vsp) in &self.vsps {
+            let (to, mut looks) = mpsc::unbounded_channel();
+            let vsp = vsp.clone();
+            queues.vsps.insert(*index, to);
+            tokio::spawn(async move {
+                while let Some(look) = looks.recv().await {
+                    vsp.pass(look).await;
+                }
+            });
+        }
+        queues
+    }
+
     /// Takes a message of MP's node.
-    async fn take(&self, message: ToNode) {
+    fn take(&self, message: ToNode, queues: &Queues) {
         match message {
-            ToNode::Ask { number, ask } => self.ask(number, ask).await,
-            ToNode::Tell(tell) => self.tell(tell).await,
+            ToNode::Ask { number, ask } => self.ask(number, ask, queues),
+            ToNode::Tell(tell) => self.tell(tell, queues),
             ToNode::State(effector, state) => {
                 if let Some(to) = self.states.get(&effector) {
                     to.send_replace(self.offset.state_here(&state));
@@ -175,32 +241,32 @@ impl Host {
     }
 
     /// Passes a request on to its actor, and returns the answer when it comes.
-    async fn ask(&self, number: u64, ask: Ask) {
+    fn ask(&self, number: u64, ask: Ask, queues: &Queues) {
         match ask {
             Ask::Edp(effector, ask) => {
-                let Some(edp) = self.edps.get(&effector) else { return };
+                let Some(edp) = queues.edps.get(&effector) else { return };
                 let (reply, answer) = oneshot::channel();
                 let request = match ask {
                     EdpAsk::Synchronise => edp::Request::Synchronise { reply },
                     EdpAsk::State => edp::Request::State { reply },
                 };
-                edp.pass(request).await;
+                let _ = edp.send(request);
                 self.answer(number, answer, Answer::State);
             }
             Ask::Look(index, view) => {
-                let Some(vsp) = self.vsps.get(&index) else { return };
+                let Some(vsp) = queues.vsps.get(&index) else { return };
                 let (reply, answer) = oneshot::channel();
-                vsp.pass(vsp::Look { view, reply }).await;
+                let _ = vsp.send(vsp::Look { view, reply });
                 self.answer(number, answer, Answer::Face);
             }
-            Ask::Ecp(effector, ask) => self.ask_ecp(number, effector, ask).await,
+            Ask::Ecp(effector, ask) => self.ask_ecp(number, (effector, ask), queues),
         }
     }
 
     /// Passes a request on to an ECP.
-    async fn ask_ecp(&self, number: u64, effector: usize, ask: EcpAsk) {
+    fn ask_ecp(&self, number: u64, (effector, ask): (usize, EcpAsk), queues: &Queues) {
         use ecp::Request;
-        let Some(ecp) = self.ecps.get(&effector) else { return };
+        let Some(ecp) = queues.ecps.get(&effector) else { return };
         let (reply, answer) = oneshot::channel();
         let request = match ask {
             EcpAsk::Bias => Request::Bias { reply },
@@ -210,27 +276,27 @@ impl Host {
             EcpAsk::Behave(behaviour, begins) => {
                 let begins = self.offset.here(begins);
                 let (reply, answer) = oneshot::channel();
-                ecp.pass(Request::Behave { behaviour, begins, reply }).await;
+                let _ = ecp.send(Request::Behave { behaviour, begins, reply });
                 return self.answer(number, answer, Answer::Behaved);
             }
             EcpAsk::Look(view) => {
                 let (reply, answer) = oneshot::channel();
-                ecp.pass(Request::Look { view, reply }).await;
+                let _ = ecp.send(Request::Look { view, reply });
                 return self.answer(number, answer, Answer::Face);
             }
             EcpAsk::Start(programme) => {
                 let (reply, answer) = oneshot::channel();
                 let to_mp = self.outbox(effector);
-                ecp.pass(Request::Start { programme, to_mp, reply }).await;
+                let _ = ecp.send(Request::Start { programme, to_mp, reply });
                 return self.answer(number, answer, Answer::Begun);
             }
         };
-        ecp.pass(request).await;
+        let _ = ecp.send(request);
         self.answer(number, answer, Answer::State);
     }
 
     /// Passes a message without an answer on to its actor.
-    async fn tell(&self, tell: Tell) {
+    fn tell(&self, tell: Tell, queues: &Queues) {
         use ecp::Request;
         let (effector, request) = match tell {
             Tell::End(effector, ending) => (effector, Request::End(ending)),
@@ -252,8 +318,8 @@ impl Host {
                 return;
             }
         };
-        if let Some(ecp) = self.ecps.get(&effector) {
-            ecp.pass(request).await;
+        if let Some(ecp) = queues.ecps.get(&effector) {
+            let _ = ecp.send(request);
         }
     }
 
@@ -268,7 +334,8 @@ impl Host {
         let (sender, offset) = (self.sender.clone(), self.offset.clone());
         tokio::spawn(async move {
             if let Ok(answer) = answer.await {
-                let answer = wrap(answer.map(|answer| answer.at_home(&offset)));
+                let answer = answer.map(|answer| answer.at_home(&offset));
+                let answer = wrap(answer.map_err(|error| error_at_home(error, &offset)));
                 sender.send(&ToHome::Answer { number, answer });
             }
         });
@@ -286,14 +353,21 @@ impl Host {
         Outbox { effector, mailbox }
     }
 
-    /// Sends the states of an arm of the node.
-    fn send_states(&self, effector: usize, mut state: watch::Receiver<ArmState>) {
+    /// Sends the states of an arm of the node, once the periods are `mapped`. The last state of a
+    /// motion may be lost, so the present one is sent again.
+    fn send_states(
+        &self,
+        effector: usize,
+        mut state: watch::Receiver<ArmState>,
+        mut mapped: watch::Receiver<bool>,
+    ) {
         let (sender, offset) = (self.sender.clone(), self.offset.clone());
         tokio::spawn(async move {
+            let _ = mapped.wait_for(|mapped| *mapped).await;
             loop {
                 let now = offset.state_at_home(&state.borrow_and_update());
                 sender.send(&ToHome::State(effector, now));
-                if state.changed().await.is_err() {
+                if let Ok(Err(_)) = tokio::time::timeout(RESEND, state.changed()).await {
                     return;
                 }
             }
@@ -313,6 +387,23 @@ impl Host {
                 sender.send(&ToHome::Target(index, found));
             }
         });
+    }
+}
+
+/// Makes the error of a link on which messages are missing, for MP's node.
+fn failure_of_link(why: String) -> Error {
+    let who = "MP's node".to_owned();
+    Error::System { actor: "node".into(), place: "link".into(), cause: System::Link { who, why } }
+}
+
+/// Returns an error whose last state has the periods of MP's node.
+fn error_at_home(error: Error, offset: &Offset) -> Error {
+    match error {
+        Error::Fatal { actor, place, cause, last: Some(last) } => {
+            let last = Some(Box::new(offset.state_at_home(&last)));
+            Error::Fatal { actor, place, cause, last }
+        }
+        error => error,
     }
 }
 

@@ -4,7 +4,8 @@
 //! - out: bytes to a link; messages, or the fault of one
 //!
 //! A network may drop a message without a word, so each has a number, and a gap is a fault. Values
-//! have no number: newer ones follow.
+//! have no number: newer ones follow. Messages of another run, whose processes may still be there,
+//! are dropped.
 
 use crate::net::{Lane, Link, Parcels};
 use serde::Serialize;
@@ -16,12 +17,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub(crate) trait Carried: Serialize + DeserializeOwned {
     /// Returns the lane of the message.
     fn lane(&self) -> Lane;
+
+    /// Returns whether the message is about joining, and so may be one of any run.
+    fn joins(&self) -> bool;
 }
 
 /// Sending end for messages of one type. All clones number the same messages.
 #[derive(Debug)]
 pub(crate) struct Sender<T> {
     link: Arc<dyn Link>,
+    /// Number of the run.
+    run: u64,
     /// Number of the next message.
     next: Arc<Mutex<u64>>,
     messages: PhantomData<fn(T)>,
@@ -29,14 +35,20 @@ pub(crate) struct Sender<T> {
 
 impl<T> Clone for Sender<T> {
     fn clone(&self) -> Self {
-        Self { link: Arc::clone(&self.link), next: Arc::clone(&self.next), messages: PhantomData }
+        let (link, next) = (Arc::clone(&self.link), Arc::clone(&self.next));
+        Self { link, run: self.run, next, messages: PhantomData }
     }
 }
 
 impl<T: Carried> Sender<T> {
-    /// Makes the sending end over a link.
-    pub(crate) fn new(link: Arc<dyn Link>) -> Self {
-        Self { link, next: Arc::default(), messages: PhantomData }
+    /// Makes the sending end over a link for the run with this number.
+    pub(crate) fn new(link: Arc<dyn Link>, run: u64) -> Self {
+        Self { link, run, next: Arc::default(), messages: PhantomData }
+    }
+
+    /// Returns the sending end over the same link for another run.
+    pub(crate) fn of_run(&self, run: u64) -> Self {
+        Self::new(Arc::clone(&self.link), run)
     }
 
     /// Sends a message. It does not wait for the other node.
@@ -45,7 +57,7 @@ impl<T: Carried> Sender<T> {
         // Locked until the link has the message: numbers leave in their order.
         let mut next = self.next.lock().unwrap_or_else(PoisonError::into_inner);
         let number = if lane == Lane::Messages { *next } else { 0 };
-        match rmp_serde::to_vec_named(&(number, message)) {
+        match rmp_serde::to_vec_named(&(self.run, number, message)) {
             Ok(parcel) => {
                 *next += u64::from(lane == Lane::Messages);
                 self.link.send(lane, parcel);
@@ -59,6 +71,8 @@ impl<T: Carried> Sender<T> {
 #[derive(Debug)]
 pub(crate) struct Receiver<T> {
     parcels: Parcels,
+    /// Number of the run; `None` until the node has joined one.
+    run: Option<u64>,
     /// Number of the next message.
     next: u64,
     messages: PhantomData<fn() -> T>,
@@ -67,7 +81,12 @@ pub(crate) struct Receiver<T> {
 impl<T: Carried> Receiver<T> {
     /// Makes the receiving end over a link.
     pub(crate) fn new(parcels: Parcels) -> Self {
-        Self { parcels, next: 0, messages: PhantomData }
+        Self { parcels, run: None, next: 0, messages: PhantomData }
+    }
+
+    /// Returns this end for the messages of one run.
+    pub(crate) fn of_run(self, run: u64) -> Self {
+        Self { run: Some(run), next: 0, ..self }
     }
 
     /// Waits for the next message; `None` if the link has ended.
@@ -75,16 +94,23 @@ impl<T: Carried> Receiver<T> {
     /// # Errors
     /// The reason why a message cannot be read, or the number of messages that are missing.
     pub(crate) async fn recv(&mut self) -> Option<Result<T, String>> {
-        let (lane, parcel) = self.parcels.recv().await?;
-        Some(self.read(lane, &parcel))
+        loop {
+            let (lane, parcel) = self.parcels.recv().await?;
+            if let Some(read) = self.read(lane, &parcel).transpose() {
+                return Some(read);
+            }
+        }
     }
 
-    /// Reads a message, and checks that its number is the next one.
-    fn read(&mut self, lane: Lane, parcel: &[u8]) -> Result<T, String> {
-        let (number, message): (u64, T) = rmp_serde::from_slice(parcel)
+    /// Reads a message, and checks that its number is the next one; `None` for one of another run.
+    fn read(&mut self, lane: Lane, parcel: &[u8]) -> Result<Option<T>, String> {
+        let (run, number, message): (u64, u64, T) = rmp_serde::from_slice(parcel)
             .map_err(|why| format!("a message cannot be read: {why}"))?;
         if message.lane() != lane {
             return Err("a message came on the wrong lane".to_owned());
+        }
+        if self.run != Some(run) && !message.joins() {
+            return Ok(None);
         }
         if lane == Lane::Messages {
             if number != self.next {
@@ -92,7 +118,7 @@ impl<T: Carried> Receiver<T> {
             }
             self.next += 1;
         }
-        Ok(message)
+        Ok(Some(message))
     }
 }
 
@@ -110,7 +136,10 @@ mod tests {
     #[tokio::test]
     async fn missing_message_is_a_fault() {
         let [(there, mut kept), (back, parcels)] = pair();
-        let (sender, mut receiver) = (Sender::new(back), Receiver::<ToNode>::new(parcels));
+        let other = Sender::new(Arc::clone(&back), 6);
+        let sender = Sender::new(back, 5);
+        let mut receiver = Receiver::<ToNode>::new(parcels).of_run(5);
+        other.send(&control());
         for _ in 0..3 {
             sender.send(&control());
         }
@@ -119,7 +148,8 @@ mod tests {
             sent.push(parcel);
         }
 
-        for i in [0, 2] {
+        // Number 0 is of another run.
+        for i in [0, 1, 3] {
             there.send(sent[i].0, sent[i].1.clone());
         }
 
@@ -130,7 +160,7 @@ mod tests {
     #[tokio::test]
     async fn foreign_bytes_are_refused() {
         let [(there, _kept), (_, parcels)] = pair();
-        let mut receiver = Receiver::<ToNode>::new(parcels);
+        let mut receiver = Receiver::<ToNode>::new(parcels).of_run(5);
 
         for bytes in [vec![], vec![0xc1; 3], vec![0x93; 100_000], b"{\"Leave\":1}".to_vec()] {
             there.send(Lane::Messages, bytes);

@@ -109,14 +109,16 @@ pub(crate) enum Tell {
 /// Sign of life of MP's node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct HomeBeat {
-    /// Period of MP's node at the sending.
-    pub(crate) period: u64,
+    /// Number of the beat.
+    pub(crate) number: u64,
+    /// Period of MP's node at the sending; `None` before its servos run.
+    pub(crate) period: Option<u64>,
     /// Number of the node's last beat, and the time since its arrival (us).
     pub(crate) echo: Option<(u64, u64)>,
     /// Whether the emergency stop is pressed.
     pub(crate) pressed: bool,
-    /// Whether the arms of the node are to hold.
-    pub(crate) hold: bool,
+    /// Whether the arms of the node are to stand by.
+    pub(crate) stands_by: bool,
 }
 
 /// Message to MP's node.
@@ -175,10 +177,16 @@ pub(crate) enum Answer {
 pub(crate) struct NodeBeat {
     /// Number of the beat.
     pub(crate) number: u64,
+    /// Number of the last beat of MP's node, and the time since its arrival (us).
+    pub(crate) echo: Option<(u64, u64)>,
+    /// Whether the node knows the difference of the periods.
+    pub(crate) mapped: bool,
     /// Signs of life of the ECP of each effector of the node.
     pub(crate) alive: Vec<(usize, u64)>,
-    /// Whether an arm of the node has stopped by a fault.
+    /// Whether a fault has stopped an arm of the node.
     pub(crate) stopped: bool,
+    /// Whether the emergency stop is pressed.
+    pub(crate) pressed: bool,
 }
 
 impl Carried for ToNode {
@@ -187,6 +195,10 @@ impl Carried for ToNode {
             Self::Ask { .. } | Self::Tell(_) | Self::Leave => Lane::Messages,
             Self::Join(_) | Self::Beat(_) | Self::State(..) => Lane::Values,
         }
+    }
+
+    fn joins(&self) -> bool {
+        matches!(self, Self::Join(_))
     }
 }
 
@@ -203,6 +215,10 @@ impl Carried for ToHome {
             | Self::Target(..) => Lane::Values,
         }
     }
+
+    fn joins(&self) -> bool {
+        matches!(self, Self::Joined { .. } | Self::Refused { .. })
+    }
 }
 
 #[cfg(test)]
@@ -216,8 +232,8 @@ mod tests {
     #[tokio::test]
     async fn messages_arrive_to_the_bit() {
         let [(there, _), (_, parcels)] = pair();
-        let sender = super::super::Sender::new(there);
-        let mut receiver = super::super::Receiver::new(parcels);
+        let sender = super::super::Sender::new(there, 5);
+        let mut receiver = super::super::Receiver::new(parcels).of_run(5);
         let mut state = ArmState { period: 77, ..ArmState::default() };
         state.wrench_in_tool.force.x = f64::INFINITY;
         state.jaw_opening = 0.1 + 0.2;

@@ -5,17 +5,22 @@
 //! the actors and returns their answers. The servo's period of 2 ms never crosses a link, since an
 //! EDP, its servo and its bridge are on one node.
 //!
+//! A beat counts only if it comes back in time: messages that pile up on their way would delay an
+//! order to stop as well.
+//!
 //! - in: requests to actors, beats, the operator's control; a [`Link`](crate::net::Link)
 //! - out: answers, states of arms, poses of the cube; a system error if the other node is silent
 //!
 //! | fault | threshold | reaction |
 //! |---|---|---|
-//! | no beat of the node | [`SILENT`] and the longest way | system error of MP's node |
-//! | no beat of MP's node | 0.1 s, then 1 s | the servo brakes, then trips, as without actors |
+//! | no beat of the node in time | [`SILENT`] and the longest way | system error of MP's node |
+//! | no beat of MP's node in time | 0.1 s, then 1 s | the servo brakes, then trips |
 //! | | [`GONE`] | the node ends |
 //! | a message is missing | - | system error of the node that finds it |
-//! | an arm trips | one beat | the arms of the other node hold |
+//! | an arm is stopped | one beat | the arms of the other nodes stand by, until it is reset |
+//! | the emergency stop is pressed | one beat | the arms of all nodes trip |
 
+mod beats;
 mod home;
 mod host;
 mod line;
@@ -24,7 +29,7 @@ mod offset;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use home::{Home, Joined, Watch};
+pub(crate) use home::{Home, Joined, Stopped, Watch};
 pub(crate) use host::{Host, Left};
 pub(crate) use line::{Receiver, Sender};
 pub(crate) use message::{Introduction, ToHome, ToNode};

@@ -14,6 +14,9 @@ use std::sync::atomic::{AtomicI64, Ordering};
 /// Number of the last beats of which the fastest counts: those of 2 s.
 const BEATS: usize = 100;
 
+/// Difference from the present offset that no beat explains, beyond half of its way (periods).
+const JUMP: i64 = 5;
+
 /// Difference between the periods of a node and those of MP's node. All clones are the same.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Offset(Arc<AtomicI64>);
@@ -58,10 +61,17 @@ impl Estimator {
     /// the period `here` of this node with the period `home` in which MP's node sent it back.
     pub(crate) fn beat(&mut self, trip: f64, home: u64, here: u64) {
         let back = (trip / 2.0 / PERIOD).round() as i64;
+        let offset = home as i64 - (here as i64 - back);
+        // A servo that misses periods makes its count fall behind at once: older beats are wrong
+        // then, however fast they were.
+        let present = self.offset.0.load(Ordering::Relaxed);
+        if (offset - present).abs() > back + JUMP {
+            self.last.clear();
+        }
         if self.last.len() == BEATS {
             self.last.pop_front();
         }
-        self.last.push_back((trip, home as i64 - (here as i64 - back)));
+        self.last.push_back((trip, offset));
         let fastest = self.last.iter().min_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((_, offset)) = fastest {
             self.offset.0.store(*offset, Ordering::Relaxed);
@@ -87,6 +97,19 @@ mod tests {
         assert!((499..=501).contains(&offset.at_home(0)), "{}", offset.at_home(0));
         assert_eq!(offset.here(offset.at_home(10_000)), 10_000);
         assert_eq!(offset.here(3), 0, "before the beginning");
+    }
+
+    /// The servo of MP's node has missed 40 periods.
+    #[test]
+    fn missed_periods_move_the_offset_at_once() {
+        let offset = Offset::default();
+        let mut estimator = Estimator::new(offset.clone());
+        for beat in 0..50 {
+            estimator.beat(if beat == 7 { 1e-4 } else { 2e-3 }, 10 * beat + 500, 10 * beat);
+        }
+        estimator.beat(4e-3, 1000 + 500 - 40, 1000);
+
+        assert!((459..=462).contains(&offset.at_home(0)), "{}", offset.at_home(0));
     }
 
     #[test]

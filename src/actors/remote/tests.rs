@@ -28,6 +28,8 @@ use tokio::task::JoinHandle;
 const POSTUMENT: usize = 1;
 /// Number of the run.
 const RUN: u64 = 9;
+/// Longest time of a beat on its way.
+const WAY: Duration = Duration::from_millis(10);
 
 /// Node with an arm whose servo carries out commands at once, and MP's end of the link to it.
 struct Rig {
@@ -111,7 +113,7 @@ fn host(
     let host = Host {
         run: RUN,
         arms: vec![(POSTUMENT, true)],
-        sender: Sender::new(link),
+        sender: Sender::new(link, RUN),
         edps: [(POSTUMENT, edp)].into(),
         ecps: [(POSTUMENT, ecp::spawn("postument", parts))].into(),
         vsps: [].into(),
@@ -123,22 +125,27 @@ fn host(
         switches: Arc::clone(&switches),
         stop_button: stop.button(),
         watchdog: watchdog.clone(),
+        way: WAY,
     };
-    let node = tokio::spawn(host.serve(Receiver::new(parcels)));
+    let node = tokio::spawn(host.serve(Receiver::new(parcels).of_run(RUN)));
     (node, switches, stop, watchdog, control, taken)
 }
 
 /// Starts MP's end, and a second later the node, so that their periods differ by 500.
 async fn rig() -> Rig {
-    let [near, far] = pair();
+    rig_over(pair()).await
+}
+
+/// Makes a rig over both ends of a link.
+async fn rig_over([near, far]: [(Arc<dyn Link>, Parcels); 2]) -> Rig {
     let (control, orders) = watch::channel(Control::Running);
     let stop = EmergencyStop::default();
     let switches = Arc::new(Switches::new(stop.signal()));
     let services = services(&switches, orders);
     tokio::time::sleep(Duration::from_secs(1)).await;
     let (node, there, there_stop, there_watchdog, there_control, taken) = host(far);
-    let home = Home::new("b", Sender::new(near.0), Duration::from_millis(20));
-    let mut receiver = Receiver::new(near.1);
+    let home = Home::new("b", Sender::new(near.0, RUN), 2 * WAY, WAY);
+    let mut receiver = Receiver::new(near.1).of_run(RUN);
     let introduction = Introduction { run: RUN, program: "p".into(), scenario: 3 };
     let joined = home.join(&mut receiver, &introduction, Duration::from_secs(1)).await;
     assert_eq!(joined, Ok(vec![(POSTUMENT, true)]));
@@ -146,8 +153,17 @@ async fn rig() -> Rig {
     let edp = home.edp(POSTUMENT, "postument", patience, &services.clock);
     let ecp = home.ecp(POSTUMENT, "postument", patience, (services.clock.clone(), 20));
     let (clock, watchdog) = (services.clock.clone(), services.supervision.watchdog.clone());
-    let way = Duration::from_millis(10);
-    home.start(receiver, Watch { services, switches: Arc::clone(&switches), states: vec![], way });
+    home.keep_alive();
+    // Other nodes join meanwhile.
+    tokio::time::sleep(2 * GONE).await;
+    let watch = Watch {
+        services,
+        switches: Arc::clone(&switches),
+        stop_button: stop.button(),
+        states: vec![],
+        stopped: Arc::default(),
+    };
+    home.start(receiver, watch).await.unwrap();
     tokio::time::sleep(Duration::from_millis(200)).await;
     Rig {
         ecp,
@@ -208,7 +224,7 @@ async fn dead_node_is_a_system_error_in_time() {
 
     assert!(error.to_string().contains("node b"), "{error}");
     assert!(matches!(error, Error::System { cause: System::Silent { .. }, .. }));
-    let limit = SILENT + Duration::from_millis(10) + 3 * BEAT;
+    let limit = SILENT + WAY + 3 * BEAT;
     assert!(died.elapsed() <= limit, "{:?}", died.elapsed());
     // A request to the dead node ends by the patience of its sender.
     assert!(ecp.state().await.is_err());
@@ -244,21 +260,70 @@ async fn stop_control_and_hold_cross_within_beats() {
     assert_eq!(*there_control.borrow_and_update(), Control::Paused);
     assert!(there_stop.signal().is_pressed());
     assert!(!there.hold.load(Ordering::Acquire));
-    switches.hold.store(true, Ordering::Release);
-    tokio::time::sleep(2 * BEAT).await;
-    assert!(there.hold.load(Ordering::Acquire));
+    for holds in [true, false] {
+        switches.hold.store(holds, Ordering::Release);
+        tokio::time::sleep(2 * BEAT).await;
+        assert_eq!(there.stands_by.load(Ordering::Acquire), holds);
+    }
 }
 
-/// An arm of the node that a fault has stopped makes the arms of MP's node hold.
+/// While an arm of the node is stopped by a fault, the arms of MP's node stand by.
 #[tokio::test(start_paused = true)]
 async fn stopped_arm_of_node_holds_the_others() {
     let Rig { there, switches, .. } = rig().await;
-    assert!(!switches.hold.load(Ordering::Acquire));
+    assert!(!switches.stands_by.load(Ordering::Acquire));
 
-    there.stop_for_test();
+    // A reset ends the fault.
+    for stopped in [true, false] {
+        there.stop_for_test(stopped);
+        tokio::time::sleep(2 * BEAT).await;
+        assert_eq!(switches.stands_by.load(Ordering::Acquire), stopped);
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn stop_pressed_at_node_stops_home() {
+    let Rig { stop, there_stop, .. } = rig().await;
+
+    there_stop.button().press();
     tokio::time::sleep(2 * BEAT).await;
 
-    assert!(switches.hold.load(Ordering::Acquire));
+    assert!(stop.signal().is_pressed());
+}
+
+/// Link on which each parcel takes a time that can change.
+#[derive(Debug)]
+struct Slow(Arc<dyn Link>, watch::Receiver<Duration>);
+
+impl Link for Slow {
+    fn send(&self, lane: crate::net::Lane, parcel: Vec<u8>) {
+        let (link, way) = (Arc::clone(&self.0), *self.1.borrow());
+        tokio::spawn(async move {
+            tokio::time::sleep(way).await;
+            link.send(lane, parcel);
+        });
+    }
+}
+
+/// Beats still arrive in their rhythm, but a second late: neither end takes them for signs of life.
+#[tokio::test(start_paused = true)]
+async fn late_link_stops_both_ends() {
+    let (grows, way) = watch::channel(Duration::from_millis(2));
+    let ends = pair().map(|(link, parcels)| {
+        let slow: Arc<dyn Link> = Arc::new(Slow(link, way.clone()));
+        (slow, parcels)
+    });
+    let Rig { watchdog, there, node, .. } = rig_over(ends).await;
+    assert!(watchdog.listen().borrow().is_none());
+
+    grows.send_replace(Duration::from_secs(1));
+    let error = watchdog.raised().await;
+    tokio::time::sleep(Duration::from_millis(1200)).await;
+    let beats = there.beats.load(Ordering::Relaxed);
+
+    assert!(error.to_string().contains("node b"), "{error}");
+    assert_eq!(node.await.unwrap(), Left::Alone("no beat of MP's node in 2 s".into()));
+    assert_eq!(there.beats.load(Ordering::Relaxed), beats);
 }
 
 #[tokio::test(start_paused = true)]
@@ -279,8 +344,8 @@ async fn error_of_node_ends_the_run() {
 async fn second_run_is_refused_by_busy_node() {
     let [near, far] = pair();
     let (node, ..) = host(far);
-    let home = Home::new("b", Sender::new(near.0), Duration::from_millis(20));
-    let mut receiver = Receiver::new(near.1);
+    let home = Home::new("b", Sender::new(near.0, 4), 2 * WAY, WAY);
+    let mut receiver = Receiver::new(near.1).of_run(4);
     let mut introduction = Introduction { run: 4, program: "p".into(), scenario: 3 };
 
     let refused = home.join(&mut receiver, &introduction, Duration::from_secs(1)).await;
@@ -295,7 +360,7 @@ async fn second_run_is_refused_by_busy_node() {
 #[tokio::test(start_paused = true)]
 async fn absent_node_is_refused_after_the_limit() {
     let [near, _far] = pair();
-    let home = Home::new("b", Sender::new(near.0), Duration::ZERO);
+    let home = Home::new("b", Sender::new(near.0, RUN), Duration::ZERO, Duration::ZERO);
     let introduction = Introduction { run: RUN, program: "p".into(), scenario: 3 };
 
     let absent = home.join(&mut Receiver::new(near.1), &introduction, Duration::from_secs(5)).await;

@@ -80,10 +80,12 @@ pub(super) fn robot(scenario: &Scenario) -> Vec<Finding> {
 }
 
 /// Returns the reasons why `run` would refuse the devices, by the rules of `run`. Opens no device.
+/// Devices of nodes on other hosts are in the files of those hosts.
 fn refusals(config: &ControllerConfig, bridge: BridgeKind, devices: &Devices) -> Vec<Refusal> {
     let cards = bridge == BridgeKind::Isa;
     let mut refusals = Vec::new();
-    for arm in &config.cell.arms {
+    let here = config.network.servos_of(None, config.cell.arms.len());
+    for arm in here.into_iter().map(|arm| &config.cell.arms[arm]) {
         let own = match devices.of_effector(&arm.name) {
             Ok(own) => own,
             Err(why) => {
@@ -97,7 +99,11 @@ fn refusals(config: &ControllerConfig, bridge: BridgeKind, devices: &Devices) ->
         let grip = devices.check_grip(std::slice::from_ref(arm), config.control.grip, cards);
         refusals.extend(grip.err().map(Refusal::from));
     }
-    for (camera, source) in config.cell.cameras.iter().zip(&config.cameras) {
+    for (index, (camera, source)) in config.cell.cameras.iter().zip(&config.cameras).enumerate() {
+        let vsp = config.vsps.iter().position(|vsp| vsp.camera == Some(index));
+        if vsp.is_some_and(|vsp| !config.network.has_vsp(None, vsp)) {
+            continue;
+        }
         // A camera whose pictures come from a folder has no socket.
         if *source == CameraSource::Renderer {
             refusals.extend(of_camera(devices, &camera.name));

@@ -37,7 +37,10 @@ pub struct Switches {
     /// Heartbeats of the actors. The servo watches them from the first one on: it brakes the arms
     /// after [`HEARTBEAT_TIMEOUT`] of silence and trips them after 1 s.
     pub beats: AtomicU64,
-    /// Whether a fault has stopped an arm; it stays set.
+    /// Set while an arm in another process has stopped: all arms stand by, as the partner of a
+    /// stopped arm does.
+    pub stands_by: AtomicBool,
+    /// Whether a fault stops an arm now.
     stopped: AtomicBool,
     /// Lateness of a wall driver while it runs.
     pub punctual: Punctual,
@@ -52,11 +55,11 @@ impl Switches {
 
     /// Sets the flag of a stopped arm, for tests.
     #[cfg(test)]
-    pub(crate) fn stop_for_test(&self) {
-        self.stopped.store(true, Ordering::Release);
+    pub(crate) fn stop_for_test(&self, stopped: bool) {
+        self.stopped.store(stopped, Ordering::Release);
     }
 
-    /// Returns whether a fault has stopped an arm.
+    /// Returns whether a fault stops an arm now.
     #[must_use]
     pub fn has_stopped(&self) -> bool {
         self.stopped.load(Ordering::Acquire)
@@ -214,7 +217,8 @@ impl Core {
             *command = end.take();
         }
         let pressed = self.read_switches(period);
-        let held = self.switches.hold.load(Ordering::Acquire);
+        let held = self.switches.hold.load(Ordering::Acquire)
+            || self.switches.stands_by.load(Ordering::Acquire);
         let outside = std::mem::take(&mut self.outside);
         for arm in 0..self.servos.len() {
             // The partner of a stopped arm learns of the stop here, not by a message: both hands
@@ -232,15 +236,14 @@ impl Core {
             // A reset must not undo the stop while the button is still pressed.
             let command = self.commands[arm].filter(|c| !(pressed && *c == ServoCommand::Reset));
             let (drive, state) = servo.step(period, &reading, command.as_ref());
-            if state.fault.is_some() {
-                self.switches.stopped.store(true, Ordering::Release);
-            }
             self.drives[arm] = drive;
             self.ends[arm].publish(&state);
             let arm = self.effectors[arm];
             let record = ServoRecord { period, arm, reading, outside, command, drive, state };
             self.records.record(&record);
         }
+        let stopped = self.servos.iter().any(|servo| servo.fault().is_some());
+        self.switches.stopped.store(stopped, Ordering::Release);
         &self.drives
     }
 

@@ -157,8 +157,8 @@ pub struct Buffer {
     pub bytes: Vec<u8>,
     /// Whether the driver marks the bytes as damaged.
     pub damaged: bool,
-    /// Time since the exposure; 0 if the driver does not say.
-    pub age: Duration,
+    /// Time since the exposure; `None` if the driver does not say.
+    pub age: Option<Duration>,
 }
 
 /// An open video device. Dropping it closes the device.

@@ -150,8 +150,8 @@ struct Stream {
     path: PathBuf,
     device: Box<dyn VideoDevice>,
     format: Format,
-    /// Scale of the exposure that is set.
-    exposure: f64,
+    /// Exposure that is set, in the units of its control; `None` if the camera chooses.
+    exposure: Option<i64>,
 }
 
 impl Webcam {
@@ -192,11 +192,15 @@ impl Webcam {
             Trouble::System(why) => explain(&path, &why),
             Trouble::Refused(why) => format!("{}: {why}", path.display()),
         })?;
-        let mut stream = Stream { path, device, format, exposure };
+        let time = self.settings.exposure_ms;
+        let units = time.map(|time| in_units(time, 1.0));
+        let mut stream = Stream { path, device, format, exposure: units };
         // Some cameras forget their controls when a stream starts, so they are set afterwards.
         stream.set_controls(&self.settings)?;
         let fixed = self.settings.exposure_ms.is_some() && self.settings.white_balance_k.is_some();
         stream.skip(if fixed { FIXED } else { SETTLING })?;
+        // The camera may refuse its fixed time, but not a multiple of it.
+        stream.expose(time, exposure)?;
         Ok(stream)
     }
 }
@@ -212,12 +216,17 @@ impl FrameSource for Webcam {
             None => self.start(exposure),
         };
         let mut stream = stream.map_err(|why| self.refuse(why))?;
+        // The worker that waits for a picture has 3 s in all.
+        if asked.elapsed() > PATIENCE {
+            self.stream = Some(stream);
+            return Err(self.refuse("it was opened again".to_owned()));
+        }
         let time = self.settings.exposure_ms;
         let taken = stream.expose(time, exposure).and_then(|()| stream.newest());
         let (image, age) = taken.map_err(|why| self.refuse(why))?;
         self.stream = Some(stream);
         // The exposure may be earlier or later than the request.
-        let since = asked.elapsed().as_secs_f64() - age.as_secs_f64();
+        let since = asked.elapsed().as_secs_f64() - age.unwrap_or_default().as_secs_f64();
         let period = period.saturating_add_signed((since / PERIOD).round() as i64);
         Ok(Frame { period, image })
     }
@@ -234,7 +243,7 @@ impl Stream {
         match settings.exposure_ms {
             Some(time) => {
                 self.fix(Control::ExposureMode, 1, "exposure_ms")?;
-                self.fix(Control::Exposure, in_units(time, self.exposure), "exposure_ms")?;
+                self.fix(Control::Exposure, in_units(time, 1.0), "exposure_ms")?;
             }
             // Another program may have left the camera with a fixed exposure: 3 is by aperture
             // priority, the only automatic mode of webcams. A camera without it stays as it is.
@@ -275,12 +284,11 @@ impl Stream {
     /// Sets the exposure to `scale` times the fixed `time` (ms). Without a fixed time the camera
     /// chooses.
     fn expose(&mut self, time: Option<f64>, scale: f64) -> Result<(), String> {
-        let Some(time) = time.filter(|_| scale != self.exposure) else { return Ok(()) };
+        let units = time.map(|time| in_units(time, scale));
+        let Some(set) = units.filter(|_| units != self.exposure) else { return Ok(()) };
         // A camera that cannot expose for as long takes its longest time, and says so here.
-        self.device
-            .set_control(Control::Exposure, in_units(time, scale))
-            .map_err(|why| self.explain(&why))?;
-        self.exposure = scale;
+        self.device.set_control(Control::Exposure, set).map_err(|why| self.explain(&why))?;
+        self.exposure = units;
         self.skip(FIXED)
     }
 
@@ -297,10 +305,13 @@ impl Stream {
         Ok(())
     }
 
-    /// Returns the newest picture and the time since its exposure.
-    fn newest(&mut self) -> Result<(RgbImage, Duration), String> {
-        let mut damage = String::new();
+    /// Returns the newest picture and the time since its exposure, if the driver tells it.
+    fn newest(&mut self) -> Result<(RgbImage, Option<Duration>), String> {
+        let (mut damage, begun) = (String::new(), Instant::now());
         for _ in 0..MOST_DAMAGED {
+            if begun.elapsed() > PATIENCE {
+                break;
+            }
             let buffer = self.newest_buffer()?;
             if buffer.damaged {
                 "the driver marks the picture as damaged".clone_into(&mut damage);
@@ -312,7 +323,7 @@ impl Stream {
             }
         }
         let path = self.path.display();
-        Err(format!("{path}: {MOST_DAMAGED} damaged pictures in a row: {damage}"))
+        Err(format!("{path}: all pictures are damaged: {damage}"))
     }
 
     /// Returns the newest buffer: of those that wait if it is fresh, otherwise the next one.
@@ -324,7 +335,7 @@ impl Stream {
             newest = Some(buffer);
         }
         // The driver fills its few buffers and then waits: after a pause all of them are old.
-        if let Some(fresh) = newest.filter(|buffer| buffer.age < STALE) {
+        if let Some(fresh) = newest.filter(|buffer| buffer.age.is_some_and(|age| age < STALE)) {
             return Ok(fresh);
         }
         let next = self.device.next(PATIENCE).map_err(|why| self.explain(&why))?;
@@ -353,7 +364,7 @@ fn explain(path: &Path, why: &io::Error) -> String {
         }
         Some(Errno::NOTTY) => "not a video device".to_owned(),
         _ if why.kind() == io::ErrorKind::TimedOut => {
-            format!("no picture within {} s: check cable and hub", PATIENCE.as_secs())
+            "no picture in time: check cable and hub".to_owned()
         }
         _ => why.to_string(),
     };

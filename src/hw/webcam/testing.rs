@@ -153,7 +153,7 @@ impl VideoDevice for Fake {
     fn next(&mut self, _: Duration) -> io::Result<Option<Buffer>> {
         let event = self.played.lock().unwrap().events.pop_front();
         let buffer = |bytes, damaged, age| {
-            Ok(Some(Buffer { bytes, damaged, age: Duration::from_millis(age) }))
+            Ok(Some(Buffer { bytes, damaged, age: Some(Duration::from_millis(age)) }))
         };
         match event {
             None | Some(Event::Nothing) => Ok(None),

@@ -115,7 +115,7 @@ fn damaged_pictures_are_skipped_up_to_limit() {
 
     rig.played().events = damaged(&[const { Event::Noise }; MOST_DAMAGED]);
     let why = rig.why();
-    assert!(why.starts_with("camera desk: /dev/null: 5 damaged pictures in a row: "), "{why}");
+    assert!(why.starts_with("camera desk: /dev/null: all pictures are damaged: "), "{why}");
 }
 
 #[test]
@@ -156,7 +156,7 @@ fn replugged_camera_is_found_under_another_number() {
 #[test]
 fn silent_camera_is_opened_again() {
     let mut rig = Rig::new(Encoding::Yuyv, &plain(), vec![Event::Nothing, Event::Nothing]);
-    assert!(rig.why().contains("no picture within 1 s"));
+    assert!(rig.why().contains("no picture in time"));
     assert_eq!(rig.played().opened.len(), 1);
 
     let _ = rig.camera.grab(0, 1.0);

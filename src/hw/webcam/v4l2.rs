@@ -21,8 +21,9 @@ use v4l::video::Capture;
 
 /// Buffers that the driver fills in turn.
 const BUFFERS: u32 = 4;
-/// Longest wait for the first picture of a stream: some cameras need seconds.
-const FIRST: Duration = Duration::from_secs(4);
+/// Longest wait for the first picture of a stream. Some cameras need a second; the worker that
+/// waits for a picture has 3 s in all.
+const FIRST: Duration = Duration::from_millis(1500);
 
 /// An open device, with its stream while one runs.
 struct V4l2 {
@@ -70,15 +71,15 @@ fn sizes(device: &v4l::Device, code: FourCC) -> Vec<Sizes> {
     found.into_iter().map(|one| size(one.size)).collect()
 }
 
-/// Returns the time since the exposure of a buffer; 0 if its time is not that of the monotonic
+/// Returns the time since the exposure of a buffer; `None` if its time is not that of the monotonic
 /// clock.
-fn age(metadata: &Metadata) -> Duration {
+fn age(metadata: &Metadata) -> Option<Duration> {
     if (metadata.flags & Flags::TIMESTAMP_MASK) != Flags::TIMESTAMP_MONOTONIC {
-        return Duration::ZERO;
+        return None;
     }
     let now = clock_gettime(ClockId::Monotonic);
     let now = Duration::new(now.tv_sec as u64, now.tv_nsec as u32);
-    now.saturating_sub(Duration::from(metadata.timestamp))
+    Some(now.saturating_sub(Duration::from(metadata.timestamp)))
 }
 
 /// Copies the filled part of a buffer.

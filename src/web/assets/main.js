@@ -145,7 +145,7 @@ function show() {
   document.querySelector("main").classList.toggle("by-hand", byHand);
   for (const button of document.querySelectorAll("#manual button")) if (button.id !== "synchronise") button.disabled = !(own && control === "running");
   if (byHand) manual.show(s, own && control === "running");
-  parameters.show(s, own && ["waiting", "running", "paused"].includes(control));
+  parameters.show(s, own && ["running", "paused"].includes(control));
   document.querySelector("main").classList.toggle("blind", !s.cameras.length);
   if (!scan) {
     scene.show(s);
