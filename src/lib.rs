@@ -14,6 +14,7 @@
 //! | door | [`registry`] | what a task of any crate must implement |
 //! | shells | [`actors`] | mailboxes, lifecycles, clocks, errors |
 //! | UIs | [`web`], [`tui`] | the operator's page and terminal |
+//! | other programs | [`ros`] | topics of ROS 2 |
 //! | configuration | [`scenario`] | files in, data to the actors |
 //! | results | [`record`] | hash, summary, recordings, journal |
 //! | files | [`tables`] | tables of the solver, kept in files |
@@ -52,6 +53,7 @@ pub mod operator;
 pub mod reach;
 pub mod record;
 pub mod registry;
+pub mod ros;
 pub mod run;
 pub mod scenario;
 pub mod servo;

@@ -27,7 +27,7 @@ const LAYERS: &[&[&str]] = &[
     &["run"],
     &["tasks"],
     &["registry"],
-    &["actors", "web", "tui"],
+    &["actors", "web", "tui", "ros"],
     &["record", "scenario", "tables", "desk"],
     &["hw", "net"],
     &["emergency_stop"],

@@ -40,6 +40,7 @@ mod reliability;
 mod replay;
 mod report;
 mod rig;
+mod ros;
 mod run;
 mod schema;
 mod shards;

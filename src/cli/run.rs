@@ -7,6 +7,7 @@
 use super::arguments::{ScenarioArgs, check_devices};
 use super::output::{Output, clash, complain, refuse};
 use super::record;
+use super::ros::RosArgs;
 use super::ui::{Ui, UiArgs};
 use crate::actors::control::is_speed;
 use crate::desk::Desk;
@@ -43,6 +44,7 @@ Examples:
   rubik-robot run scenarios/solve.toml --world cell.json                # kill it at any moment,
   rubik-robot run scenarios/solve.toml --world cell.json --resume       # then continue it
   rubik-robot run scenarios/solve.toml --record run.mcap                # for report and replay
+  rubik-robot run scenarios/solve.toml --speed 1 --ros                  # topics of ROS 2
 
 The plant is the simulated cell, an effector an arm with its gripper. Progress goes to stderr, the
 summary to stdout: verdict, simulated times, forces, accidents, cube. At a terminal the operator's
@@ -99,6 +101,8 @@ pub(super) struct RunArgs {
     /// 0: no limit
     #[arg(long, value_name = "FACTOR", default_value_t = 0.0, verbatim_doc_comment)]
     speed: f64,
+    #[command(flatten)]
+    ros: RosArgs,
     #[command(flatten)]
     ui: UiArgs,
     /// Start at once, ask no questions, and end stdout with one line of JSON
@@ -158,8 +162,9 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     // A replay needs all overrides: those of --set and those of the options.
     let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(more).collect();
     let begun = record::Begun { attended: has_ui, resumed: args.keep.resume };
-    // Other programs read the feed from the server of the page.
-    let feed = ui.has_page().then(|| desk.run_end().feed);
+    // Other programs read the feed from the server of the page, or as topics of ROS 2.
+    let feed = (ui.has_page() || args.ros.ros.is_some()).then(|| desk.run_end().feed);
+    let topics = feed.clone().and_then(|feed| args.ros.publish(feed)).transpose()?;
     let recorder = args.recorder(&scenario, &overrides, begun, feed)?;
     // A run of a campaign keeps no last second: if it fails, it can be repeated.
     let last_second =
@@ -173,6 +178,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     };
     let done = run::run_with(&scenario, args.options(&ui), context);
     let written = recorder.finish();
+    drop(topics);
 
     // A UI in the terminal ends first, so that the lines below are not part of its screen.
     let (ui, shown) =

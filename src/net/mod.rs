@@ -12,4 +12,4 @@ mod zenoh;
 
 pub use link::{End, Lane, Link, Parcels, pair};
 pub use model::{Direction, LinkModel};
-pub use zenoh::{Session, open};
+pub use zenoh::{Session, Token, Topic, open, open_client};

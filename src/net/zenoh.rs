@@ -71,6 +71,46 @@ pub fn open(listen: &[&str], connect: &[&str], settings: Option<&Path>) -> Resul
     opened.map(|session| Session(Some(session))).map_err(|why| why.to_string())
 }
 
+/// Opens a session as a client of the router at the endpoint `router`.
+///
+/// # Errors
+/// The reason, if the router does not answer.
+pub fn open_client(router: &str) -> Result<Session, String> {
+    let mut config = Config::default();
+    for (key, value) in [
+        ("mode", "\"client\"".to_owned()),
+        ("connect/endpoints", format!("[{router:?}]")),
+        ("scouting/multicast/enabled", "false".to_owned()),
+        ("scouting/gossip/enabled", "false".to_owned()),
+    ] {
+        config.insert_json5(key, &value).map_err(|why| format!("{key} = {value}: {why}"))?;
+    }
+    let opened = outside(move || zenoh::open(config).wait())?;
+    opened.map(|session| Session(Some(session))).map_err(|why| why.to_string())
+}
+
+/// Sign of life of something that others look for.
+#[derive(Debug)]
+pub struct Token(
+    #[expect(dead_code, reason = "it lives as long as this value")]
+    zenoh::liveliness::LivelinessToken,
+);
+
+/// Publisher of a topic.
+#[derive(Debug)]
+pub struct Topic(Publisher<'static>);
+
+impl Topic {
+    /// Publishes data with an attachment. A full network drops it.
+    ///
+    /// # Errors
+    /// If the session has ended.
+    pub fn put(&self, data: &[u8], attachment: &[u8]) -> Result<(), String> {
+        let put = self.0.put(data.to_vec()).attachment(attachment.to_vec());
+        put.wait().map_err(|why| why.to_string())
+    }
+}
+
 /// Does `work` on a thread of its own, and waits for it.
 ///
 /// # Errors
@@ -112,6 +152,41 @@ impl Link for Carrier {
 }
 
 impl Session {
+    /// Returns the session itself.
+    ///
+    /// # Errors
+    /// If it has ended.
+    fn open(&self) -> Result<&zenoh::Session, String> {
+        self.0.as_ref().ok_or_else(|| "the session has ended".to_owned())
+    }
+
+    /// Returns the identity of the session.
+    ///
+    /// # Errors
+    /// If the session has ended.
+    pub fn identity(&self) -> Result<String, String> {
+        Ok(self.open()?.zid().to_string())
+    }
+
+    /// Declares a token, by which others see that something lives.
+    ///
+    /// # Errors
+    /// If the session has ended, or the key has a wrong form.
+    pub fn token(&self, key: String) -> Result<Token, String> {
+        let declared = self.open()?.liveliness().declare_token(key).wait();
+        declared.map(Token).map_err(|why| why.to_string())
+    }
+
+    /// Declares the publisher of a topic.
+    ///
+    /// # Errors
+    /// If the session has ended, or the key has a wrong form.
+    pub fn topic(&self, key: String) -> Result<Topic, String> {
+        let declared = self.open()?.declare_publisher(key);
+        let declared = declared.congestion_control(CongestionControl::Drop).wait();
+        declared.map(Topic).map_err(|why| why.to_string())
+    }
+
     /// Opens an end of the link to the node `name`, and returns it with the parcels that arrive.
     ///
     /// # Errors
