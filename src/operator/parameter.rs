@@ -335,7 +335,10 @@ impl Courses {
     pub fn factors(&self, period: u64) -> Factors {
         let factor = |i: usize| {
             let course = &self.0[i];
-            // A quotient of equal numbers is exactly 1.
+            // A quotient of equal numbers is exactly 1. A value of 0 cannot be changed.
+            if course.usual == 0.0 {
+                return 1.0;
+            }
             course.value(period, DECLARED[i].rate) / course.usual
         };
         Factors(std::array::from_fn(factor))
@@ -344,7 +347,8 @@ impl Courses {
     /// Returns how far the factor of a parameter may move in one period.
     #[must_use]
     pub fn step(&self, parameter: Parameter) -> f64 {
-        parameter.declaration().rate * PERIOD / self.0[parameter as usize].usual
+        let usual = self.0[parameter as usize].usual;
+        if usual == 0.0 { 0.0 } else { parameter.declaration().rate * PERIOD / usual }
     }
 }
 
@@ -423,6 +427,18 @@ mod tests {
                 .any(|line| line.starts_with(&format!("| `{name}` |")) && line.ends_with(&row));
             assert!(listed, "{name}: {row}");
         }
+    }
+
+    /// A scenario may have no admittance at all.
+    #[test]
+    fn parameter_of_zero_keeps_its_factor() {
+        let mut bounds = bounds();
+        bounds.0[Parameter::LinearAdmittance as usize] = Bounds::fixed(0.0);
+        let courses = Courses::new(&bounds);
+
+        let factors = courses.factors(7).reached_from(&Factors::default(), &courses, 0);
+
+        assert_eq!(factors, Factors::default());
     }
 
     #[test]

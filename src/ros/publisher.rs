@@ -150,8 +150,7 @@ impl Outlet {
     /// Sends the topics again that hold for the whole run.
     fn repeat(&mut self) {
         for published in self.topics.values_mut() {
-            let holds = published.kind == Kind::Text || published.name == "/tf_static";
-            if let Some(latest) = published.latest.clone().filter(|_| holds) {
+            if let Some(latest) = published.latest.clone().filter(|_| published.holds()) {
                 published.put(&latest, &self.names);
             }
         }
@@ -159,6 +158,12 @@ impl Outlet {
 }
 
 impl Published {
+    /// Returns whether the latest message of the topic holds for the whole run.
+    fn holds(&self) -> bool {
+        let holds = ["/robot_description", "/tf_static"].contains(&self.name.as_str());
+        holds || self.kind == Kind::CameraInfo
+    }
+
     /// Sends a message.
     fn put(&mut self, sample: &Sample, names: &Names) {
         self.count += 1;

@@ -32,15 +32,18 @@ def main(program):
     command = [program, "run", "scenarios/face_turn.toml", "--speed", "1", "--json", "--ui", "none"]
     command += [f"--ros=tcp/127.0.0.1:{PORT}", "--ros-domain", str(DOMAIN)]
     run = subprocess.Popen(command, stdout=subprocess.PIPE)
-    counts, wrong, attached = collections.Counter(), [], {}
+    counts, missed, wrong, attached = collections.Counter(), 0, [], {}
 
     def take(sample):
+        nonlocal missed
         domain, *topic, kind, told = str(sample.key_expr).split("/")
         topic, name = "/" + "/".join(topic), kind.replace("::dds_::", "/").replace("::", "/")[:-1]
         attachment = bytes(sample.attachment)
         number, length = int.from_bytes(attachment[:8], "little"), attachment[16]
-        if length != 16 or len(attachment) != 33 or number != attached.get(topic, 0) + 1:
+        # A reader that is slow misses messages; none comes twice or in another order.
+        if length != 16 or len(attachment) != 33 or number <= attached.get(topic, 0):
             wrong.append(f"{topic}: message {number} after {attached.get(topic, 0)}")
+        missed += number - attached.get(topic, 0) - 1
         attached[topic] = number
         if name.split("/")[0] not in STANDARD:
             counts[topic] += 1
@@ -72,13 +75,14 @@ def main(program):
         print(f"{name} [{', '.join(kinds)}]: {counts[name]} messages")
     assert code == 0, f"the run ended with code {code}"
     assert not wrong, wrong[:10]
+    assert missed < 0.02 * sum(counts.values()), f"{missed} messages missed"
     assert {name for name, _ in topics} >= {"/joint_states", "/tf", "/robot_description"}, topics
     assert all(counts[name] for name, _ in topics), "a topic without a message"
     assert descriptions and descriptions[0].startswith("<?xml"), "no description for a late reader"
     left = get_topic_names_and_types(DOMAIN, "127.0.0.1", PORT)
     ours = [name for name, _ in left if name != "/robot_description"]
     assert not ours, f"topics after the run: {ours}"
-    print(f"{len(topics)} topics, {sum(counts.values())} messages, all decoded; none is left")
+    print(f"{len(topics)} topics, {sum(counts.values())} messages ({missed} missed), all decoded")
     late.close()
 
 
