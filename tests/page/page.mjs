@@ -365,7 +365,7 @@ async function byHand() {
   await sees(page, "the grip force is reached", "s.parameters[0].value === 44");
   await page.fill("[aria-label='grip_n']", "90");
   await page.press("[aria-label='grip_n']", "Enter");
-  await page.getByText("parameter grip_n: 90 is outside 30..55").first().waitFor();
+  await page.getByText("parameter grip_n: 90 is outside 40..55").first().waitFor();
   check((await snapshot(page)).parameters[0].ordered === 44, "a value out of bounds is refused with the reason");
   await page.locator("#parameters .row button").first().click();
   await sees(page, "the button orders the value of the scenario", "s.parameters[0].ordered === 40");
