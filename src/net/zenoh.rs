@@ -48,7 +48,7 @@ impl fmt::Debug for Session {
 /// # Errors
 /// The reason, if the file cannot be read or an endpoint cannot be opened.
 pub fn open(listen: &[&str], connect: &[&str], settings: Option<&Path>) -> Result<Session, String> {
-    let mut config = match settings {
+    let config = match settings {
         Some(path) => {
             Config::from_file(path).map_err(|why| format!("{}: {why}", path.display()))?
         }
@@ -58,13 +58,25 @@ pub fn open(listen: &[&str], connect: &[&str], settings: Option<&Path>) -> Resul
         let quoted: Vec<_> = endpoints.iter().map(|endpoint| format!("{endpoint:?}")).collect();
         format!("[{}]", quoted.join(","))
     };
-    for (key, value) in [
+    let given = [
         ("mode", "\"peer\"".to_owned()),
         ("listen/endpoints", listed(listen)),
         ("connect/endpoints", listed(connect)),
-        ("scouting/multicast/enabled", "false".to_owned()),
-        ("scouting/gossip/enabled", "false".to_owned()),
-    ] {
+    ];
+    session(config, given)
+}
+
+/// Opens a session with these keys in its settings, and without scouting.
+///
+/// # Errors
+/// The reason, if a key is refused or an endpoint cannot be opened.
+fn session<const N: usize>(
+    mut config: Config,
+    given: [(&str, String); N],
+) -> Result<Session, String> {
+    let scouting = ["scouting/multicast/enabled", "scouting/gossip/enabled"];
+    let scouting = scouting.map(|key| (key, "false".to_owned()));
+    for (key, value) in given.into_iter().chain(scouting) {
         config.insert_json5(key, &value).map_err(|why| format!("{key} = {value}: {why}"))?;
     }
     let opened = outside(move || zenoh::open(config).wait())?;
@@ -76,17 +88,8 @@ pub fn open(listen: &[&str], connect: &[&str], settings: Option<&Path>) -> Resul
 /// # Errors
 /// The reason, if the router does not answer.
 pub fn open_client(router: &str) -> Result<Session, String> {
-    let mut config = Config::default();
-    for (key, value) in [
-        ("mode", "\"client\"".to_owned()),
-        ("connect/endpoints", format!("[{router:?}]")),
-        ("scouting/multicast/enabled", "false".to_owned()),
-        ("scouting/gossip/enabled", "false".to_owned()),
-    ] {
-        config.insert_json5(key, &value).map_err(|why| format!("{key} = {value}: {why}"))?;
-    }
-    let opened = outside(move || zenoh::open(config).wait())?;
-    opened.map(|session| Session(Some(session))).map_err(|why| why.to_string())
+    let given = [("mode", "\"client\"".to_owned()), ("connect/endpoints", format!("[{router:?}]"))];
+    session(Config::default(), given)
 }
 
 /// Sign of life of something that others look for.

@@ -11,7 +11,6 @@ use super::message::{
     Answer, Ask, EcpAsk, EdpAsk, HomeBeat, Introduction, NodeBeat, Tell, ToHome, ToNode,
 };
 use crate::actors::clock::Clock;
-use crate::actors::control::Control;
 use crate::actors::ecp::{self, EcpHandle, Report};
 use crate::actors::edp::{self, EdpHandle};
 use crate::actors::latest::LatestValues;
@@ -24,7 +23,6 @@ use crate::error::{Error, System};
 use crate::generators::{Outcome, Target};
 use crate::hw::driver::Switches;
 use crate::motion::ArmState;
-use crate::operator::parameter::Courses;
 use crate::vision::sensor::FaceReading;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -227,8 +225,8 @@ impl Home {
         if known.is_err() {
             return Err(self.failed("its beats do not come back in time".to_owned()));
         }
-        self.send_control(control);
-        self.send_parameters(tuning.courses());
+        self.tell_each(control, Tell::Control);
+        self.tell_each(tuning.courses(), Tell::Parameters);
         for (effector, state) in states {
             self.send_states(effector, state);
         }
@@ -415,26 +413,18 @@ impl Home {
         self.sender.send(&ToNode::Beat(HomeBeat { number, period, echo, pressed, stands_by }));
     }
 
-    /// Sends the operator's control, now and at each change.
-    fn send_control(&self, mut control: watch::Receiver<Control>) {
+    /// Sends a value of MP's node, now and at each change, as `tell` writes it.
+    fn tell_each<T: Clone + Send + Sync + 'static>(
+        &self,
+        mut value: watch::Receiver<T>,
+        tell: fn(T) -> Tell,
+    ) {
         let home = self.clone();
         tokio::spawn(async move {
             loop {
-                home.tell(Tell::Control(*control.borrow_and_update()));
-                if control.changed().await.is_err() {
-                    return;
-                }
-            }
-        });
-    }
-
-    /// Sends the operator's parameters, now and at each change.
-    fn send_parameters(&self, mut courses: watch::Receiver<Courses>) {
-        let home = self.clone();
-        tokio::spawn(async move {
-            loop {
-                home.tell(Tell::Parameters(*courses.borrow_and_update()));
-                if courses.changed().await.is_err() {
+                let now = value.borrow_and_update().clone();
+                home.tell(tell(now));
+                if value.changed().await.is_err() {
                     return;
                 }
             }

@@ -70,7 +70,6 @@ pub(crate) struct Host {
 
 /// Queues of requests to the actors of a node. An actor that is at work takes no request, and beats
 /// must not wait for it.
-#[derive(Default)]
 struct Queues {
     edps: BTreeMap<usize, mpsc::UnboundedSender<edp::Request>>,
     ecps: BTreeMap<usize, mpsc::UnboundedSender<ecp::Request>>,
@@ -121,7 +120,7 @@ impl Host {
             tokio::select! {
                 biased;
                 error = &mut failure, if failed.is_none() => {
-                    // Nothing waits for MP's node: an actor is broken.
+                    // An actor is broken: the arms do not wait for MP's node.
                     self.switches.hold.store(true, Ordering::Release);
                     self.sender.send(&ToHome::Failed(error.clone()));
                     failed = Some(error);
@@ -191,38 +190,37 @@ impl Host {
 
     /// Starts the queues to the actors.
     fn queues(&self) -> Queues {
-        let mut queues = Queues::default();
-        for (effector, edp) in &self.edps {
-            let (to, mut requests) = mpsc::unbounded_channel();
+        let edps = self.edps.iter().map(|(effector, edp)| {
             let edp = edp.clone();
-            queues.edps.insert(*effector, to);
-            tokio::spawn(async move {
-                while let Some(request) = requests.recv().await {
-                    edp.pass(request).await;
-                }
-            });
-        }
-        for (effector, ecp) in &self.ecps {
-            let (to, mut requests) = mpsc::unbounded_channel();
+            (
+                *effector,
+                queue(move |request| {
+                    let edp = edp.clone();
+                    async move { edp.pass(request).await }
+                }),
+            )
+        });
+        let ecps = self.ecps.iter().map(|(effector, ecp)| {
             let ecp = ecp.clone();
-            queues.ecps.insert(*effector, to);
-            tokio::spawn(async move {
-                while let Some(request) = requests.recv().await {
-                    ecp.pass(request).await;
-                }
-            });
-        }
-        for (index, vsp) in &self.vsps {
-            let (to, mut looks) = mpsc::unbounded_channel();
+            (
+                *effector,
+                queue(move |request| {
+                    let ecp = ecp.clone();
+                    async move { ecp.pass(request).await }
+                }),
+            )
+        });
+        let vsps = self.vsps.iter().map(|(index, vsp)| {
             let vsp = vsp.clone();
-            queues.vsps.insert(*index, to);
-            tokio::spawn(async move {
-                while let Some(look) = looks.recv().await {
-                    vsp.pass(look).await;
-                }
-            });
-        }
-        queues
+            (
+                *index,
+                queue(move |look| {
+                    let vsp = vsp.clone();
+                    async move { vsp.pass(look).await }
+                }),
+            )
+        });
+        Queues { edps: edps.collect(), ecps: ecps.collect(), vsps: vsps.collect() }
     }
 
     /// Takes a message of MP's node.
@@ -388,6 +386,20 @@ impl Host {
             }
         });
     }
+}
+
+/// Starts a queue whose requests `pass` hands to an actor, one after the other. Returns its sending
+/// end.
+fn queue<R: Send + 'static, F: Future<Output = ()> + Send>(
+    pass: impl Fn(R) -> F + Send + 'static,
+) -> mpsc::UnboundedSender<R> {
+    let (to, mut requests) = mpsc::unbounded_channel();
+    tokio::spawn(async move {
+        while let Some(request) = requests.recv().await {
+            pass(request).await;
+        }
+    });
+    to
 }
 
 /// Makes the error of a link on which messages are missing, for MP's node.
