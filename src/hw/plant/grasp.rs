@@ -262,6 +262,12 @@ impl Grasp {
         self.reported = false;
     }
 
+    /// Returns what is left of the grasp once it has ended: the pads keep the tilt that they have
+    /// followed.
+    pub(super) fn ended(&self) -> Self {
+        Self { askew: self.askew, ..Self::OPEN }
+    }
+
     /// Makes the grasp refer to the body `node`, whose frame in that of the former body is
     /// `old_from_new`. The pads stay where they are on the cube.
     pub(super) fn rename(&mut self, node: usize, old_from_new: &Frame) {

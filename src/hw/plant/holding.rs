@@ -14,7 +14,7 @@ use super::StillWatch;
 use super::balance::{Split, layer_angle};
 use super::cube::{InterfaceLoad, Layers, MIDDLE};
 use super::frame::{Frame, about, nearest_alignment};
-use super::grasp::{CLOSED, GIVE, Grasp, Hold};
+use super::grasp::{CLOSED, GIVE, Grasp, Hands, Hold};
 use super::undoing::Undoing;
 use super::{Incident, Plant, State};
 use crate::cube::Axis;
@@ -43,8 +43,11 @@ impl Plant {
                 self.close(i);
             } else if self.grasps[i].hold == Hold::LetGo {
                 // A layer that joins the core while the palm presses it would jump by its play,
-                // against the stops. So the grasp ends only once the palm is away.
-                if self.balance.split.is_none() || touch.gap > PALM_GAP {
+                // against the stops. So the grasp ends only once the palm is away. Fingers that
+                // still lie at a tilted layer would be 1 mm deep in it at once if they counted as
+                // open (154 N).
+                let palm_is_away = self.balance.split.is_none() || touch.gap > PALM_GAP;
+                if palm_is_away && !self.touches_when_open(i) {
                     self.end_grasp(i);
                 } else if closes {
                     self.grasps[i].close_again();
@@ -109,9 +112,31 @@ impl Plant {
         if straight || self.grasps[i].attached() {
             return Frame::IDENTITY;
         }
+        self.balance.nodes[0].to_local(&self.layer_at(i))
+    }
+
+    /// Returns the frame in the world of the layer that the gripper of arm `i` meets: that of a
+    /// lone outer layer, or of the core.
+    fn layer_at(&self, i: usize) -> Frame {
         let core = self.balance.core(&self.puzzle);
-        let held = self.layers_held(i, &core);
-        self.balance.nodes[0].to_local(&core.times(&self.lone_layer(held)))
+        core.times(&self.lone_layer(self.layers_held(i, &core)))
+    }
+
+    /// Checks whether the gripper of arm `i` would touch the cube where it is now if its grasp had
+    /// ended.
+    fn touches_when_open(&self, i: usize) -> bool {
+        let cell = &self.config.cell;
+        let hands = Hands {
+            gripper: &cell.arms[i].gripper,
+            jaws: &self.config.jaws,
+            size: Vector3::repeat(cell.cube.edge),
+            anywhere: false,
+            opening: self.jaws[i].opening(),
+            stops: self.stops[i],
+            hold: 1.0,
+            layer: Frame::IDENTITY,
+        };
+        self.grasps[i].ended().touch(&self.tool(i), &self.layer_at(i), &hands).any()
     }
 
     /// Records that the jaws of arm `i` have closed on the cube.
@@ -126,7 +151,7 @@ impl Plant {
         // An open grasp has no part in a split, so the regrouping joins its layer to the core.
         self.grasps[i].hold = Hold::Open;
         self.regroup();
-        self.grasps[i] = Grasp::OPEN;
+        self.grasps[i] = self.grasps[i].ended();
     }
 
     /// Decides from the two grasps whether the cube is one body, or two that can turn against each
