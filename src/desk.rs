@@ -7,15 +7,18 @@
 //! - the [`Desk`] outlives a run: the same UIs show the next run
 
 use crate::emergency_stop::{EmergencyStop, StopButton, StopSignal};
-use crate::operator::{Input, Snapshot, Stage};
+use crate::operator::{History, Input, Snapshot, Stage};
 use crate::record::feed::Feed;
 use image::RgbImage;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 use tokio::sync::mpsc::error::TryRecvError;
 use tokio::sync::{mpsc, watch};
 
 /// Capacity of the queue of inputs: a person gives one at a time.
 const INPUTS: usize = 32;
+/// Age from which an order to move is out of date: a person who saw no answer may stand elsewhere.
+const OUT_OF_DATE: Duration = Duration::from_millis(500);
 
 /// A picture of a camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,6 +41,38 @@ pub enum Pixels {
 /// The latest picture of each camera, in the scenario's order; `None` before its first picture.
 pub type Pictures = Vec<Option<Arc<Picture>>>;
 
+/// An input with the time at which the operator gave it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Given {
+    /// The input itself.
+    pub input: Input,
+    /// Time at which it was given; `None` for an input that a script may give beforehand.
+    at: Option<Instant>,
+}
+
+impl Given {
+    /// Makes an input that is given now, and obeyed whenever the run reads it.
+    #[must_use]
+    pub fn untimed(input: Input) -> Self {
+        Self { input, at: None }
+    }
+
+    /// Makes an input that the operator gave at the time `at`.
+    #[must_use]
+    pub fn at(input: Input, at: Instant) -> Self {
+        Self { input, at: Some(at) }
+    }
+
+    /// Returns the reason why the input is no longer obeyed, if it is an order to move that is out
+    /// of date.
+    #[must_use]
+    pub fn refusal(&self) -> Option<String> {
+        let age = self.at.filter(|_| self.input.moves())?.elapsed();
+        let late = (age > OUT_OF_DATE).then(|| age.as_secs_f64());
+        late.map(|late| format!("it came {late:.1} s late, after at most 0.5 s it is dropped"))
+    }
+}
+
 /// The desk, with the emergency stop that the operator presses at it.
 #[derive(Debug)]
 pub struct Desk {
@@ -55,6 +90,7 @@ impl Default for Desk {
             stage: Arc::new(watch::channel(Arc::default()).0),
             snapshots: Arc::new(watch::channel(Arc::default()).0),
             pictures: Arc::new(watch::channel(Vec::new()).0),
+            history: Arc::default(),
             feed: Feed::default(),
             button: stop.button(),
             signal: stop.signal(),
@@ -84,12 +120,14 @@ impl Desk {
         (self.ui_end(), self.run_end())
     }
 
-    /// Prepares the desk for another run after one has returned: releases the emergency stop and
-    /// drops the inputs that no run took. The UIs show the last run until the next one publishes.
+    /// Prepares the desk for another run after one has returned: releases the emergency stop, and
+    /// drops the inputs that no run took and the history. The UIs show the last run until the next
+    /// one publishes.
     ///
     /// A first run needs no call: a stop that is pressed before it begins must count.
     pub fn prepare_next_run(&self) {
         self.stop.release();
+        self.run_end.replace_history(History::default());
         // Inputs to the last run, as a terminate, must not act on the next one.
         if let Some(mut inputs) = self.run_end.take_inputs() {
             while inputs.try_recv().is_ok() {}
@@ -108,21 +146,34 @@ pub struct UiEnd {
     pub pictures: watch::Receiver<Pictures>,
     /// Messages of the run, as a recording has them.
     pub feed: Feed,
-    to_run: mpsc::Sender<Input>,
+    history: Arc<Mutex<History>>,
+    to_run: mpsc::Sender<Given>,
     button: StopButton,
 }
 
 impl UiEnd {
+    /// Returns what `look` makes of the history of the run until now.
+    pub fn history<T>(&self, look: impl FnOnce(&History) -> T) -> T {
+        look(&self.history.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
     /// Queues an input for the run, also before a run takes inputs. Returns `false` if the input is
     /// lost, because the queue is full or the desk is gone.
     #[must_use]
     pub fn send(&self, input: Input) -> bool {
-        if input == Input::EmergencyStop {
+        self.give(Given::untimed(input))
+    }
+
+    /// Queues an input as [`Self::send`] does, with its time. The run drops an order to move that
+    /// it reads too late.
+    #[must_use]
+    pub fn give(&self, given: Given) -> bool {
+        if given.input == Input::EmergencyStop {
             // The press bypasses all queues: the servo reads the flag in its next period. The input
             // itself only informs the run.
             self.button.press();
         }
-        self.to_run.try_send(input).is_ok()
+        self.to_run.try_send(given).is_ok()
     }
 }
 
@@ -131,16 +182,17 @@ impl UiEnd {
 pub struct RunEnd {
     /// Stage of the run, which changes only when a calibration corrects the cameras.
     pub stage: Arc<watch::Sender<Arc<Stage>>>,
-    /// Snapshots.
-    pub snapshots: Arc<watch::Sender<Arc<Snapshot>>>,
+    /// Snapshots; see [`Self::publish`].
+    snapshots: Arc<watch::Sender<Arc<Snapshot>>>,
     /// Pictures; published before the snapshot that names them.
     pub pictures: Arc<watch::Sender<Pictures>>,
+    history: Arc<Mutex<History>>,
     /// Messages of the run, as a recording has them.
     pub feed: Feed,
     button: StopButton,
     signal: StopSignal,
-    inputs: Arc<Mutex<Option<mpsc::Receiver<Input>>>>,
-    to_run: mpsc::Sender<Input>,
+    inputs: Arc<Mutex<Option<mpsc::Receiver<Given>>>>,
+    to_run: mpsc::Sender<Given>,
 }
 
 impl RunEnd {
@@ -152,9 +204,27 @@ impl RunEnd {
             snapshots: self.snapshots.subscribe(),
             pictures: self.pictures.subscribe(),
             feed: self.feed.clone(),
+            history: Arc::clone(&self.history),
             to_run: self.to_run.clone(),
             button: self.button.clone(),
         }
+    }
+
+    /// Publishes a snapshot, and takes it into the history.
+    pub fn publish(&self, snapshot: Snapshot) {
+        self.history.lock().unwrap_or_else(PoisonError::into_inner).take(&snapshot);
+        self.snapshots.send_replace(Arc::new(snapshot));
+    }
+
+    /// Returns the latest snapshot.
+    #[must_use]
+    pub fn latest(&self) -> Arc<Snapshot> {
+        self.snapshots.borrow().clone()
+    }
+
+    /// Replaces the history, as that of a whole recording before it is shown.
+    pub fn replace_history(&self, history: History) {
+        *self.history.lock().unwrap_or_else(PoisonError::into_inner) = history;
     }
 
     /// Returns a handle that presses the emergency stop.
@@ -185,23 +255,24 @@ impl RunEnd {
 #[derive(Debug)]
 pub struct Inputs {
     /// Receiver of the inputs; `None` only while this value is dropped.
-    receiver: Option<mpsc::Receiver<Input>>,
+    receiver: Option<mpsc::Receiver<Given>>,
     /// Place at the desk to which the receiver returns.
-    from: Arc<Mutex<Option<mpsc::Receiver<Input>>>>,
+    from: Arc<Mutex<Option<mpsc::Receiver<Given>>>>,
 }
 
 impl Inputs {
     /// Waits for the next input. It never returns `None` while a [`Desk`] or [`RunEnd`] exists.
-    pub async fn recv(&mut self) -> Option<Input> {
+    pub async fn recv(&mut self) -> Option<Given> {
         self.receiver.as_mut()?.recv().await
     }
 
-    /// Returns the next input if there is one already.
+    /// Returns the next input if there is one already, of whatever age.
     ///
     /// # Errors
     /// [`TryRecvError::Empty`] if there is none.
     pub fn try_recv(&mut self) -> Result<Input, TryRecvError> {
-        self.receiver.as_mut().map_or(Err(TryRecvError::Disconnected), mpsc::Receiver::try_recv)
+        let receiver = self.receiver.as_mut().ok_or(TryRecvError::Disconnected)?;
+        receiver.try_recv().map(|given| given.input)
     }
 }
 
@@ -216,6 +287,7 @@ impl Drop for Inputs {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::operator::{Manual, Step};
 
     #[test]
     fn emergency_stop_works_when_input_queue_is_full() {
@@ -228,10 +300,25 @@ mod tests {
     }
 
     #[test]
+    fn only_orders_to_move_go_out_of_date() {
+        let late = Instant::now().checked_sub(2 * OUT_OF_DATE).unwrap();
+        let jog = Manual::Joint(Step { axis: 2, by: 0.1 });
+        for order in [Input::Start, Input::Resume, Input::Manual { effector: 0, order: jog }] {
+            let why = Given::at(order.clone(), late).refusal().unwrap();
+            assert!(why.starts_with("it came 1.0 s late"), "{why}");
+            assert_eq!(Given::at(order.clone(), Instant::now()).refusal(), None);
+            assert_eq!(Given::untimed(order).refusal(), None);
+        }
+        for other in [Input::EmergencyStop, Input::Pause, Input::Terminate, Input::Quit] {
+            assert_eq!(Given::at(other, late).refusal(), None);
+        }
+    }
+
+    #[test]
     fn ui_sees_the_latest_snapshot_only() {
         let (ui, run) = Desk::default().ends();
         for number in 1..=1000 {
-            run.snapshots.send_replace(Arc::new(Snapshot { number, ..Snapshot::default() }));
+            run.publish(Snapshot { number, ..Snapshot::default() });
         }
 
         assert_eq!(ui.snapshots.borrow().number, 1000);

@@ -567,6 +567,7 @@ fn input_of(text: &str) -> Option<operator::Input> {
 /// arm has an axis 0.
 fn panel() -> Panel {
     let limits = |has_track| ArmLimits {
+        world_from_base: rubik_robot::spatial::Pose::identity(),
         has_track,
         poses: vec![("front".to_owned(), JointPositions([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))],
         opening: (0.04, 0.09),
@@ -637,6 +638,8 @@ fn malformed_manual_orders_do_not_panic() {
         step().prop_map(Manual::Motor),
         step().prop_map(Manual::Joint),
         step().prop_map(Manual::Tool),
+        step().prop_map(Manual::Base),
+        step().prop_map(Manual::World),
         prop_oneof![0.0..0.2, number()].prop_map(|opening| Manual::Jaw { opening }),
         name.prop_map(|name| Manual::Pose { name: name.to_owned() }),
         Just(Manual::Bias),

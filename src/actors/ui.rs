@@ -16,7 +16,7 @@ use super::notice::Notice;
 use super::present::Presenter;
 use super::trace::Trace;
 use super::tuning::Orders;
-use crate::desk::{Desk, Inputs, RunEnd, UiEnd};
+use crate::desk::{Desk, Given, Inputs, RunEnd, UiEnd};
 use crate::emergency_stop::{StopButton, StopSignal};
 use crate::hw::text::printable;
 use crate::operator::parameter::AllBounds;
@@ -132,7 +132,7 @@ impl Shell {
             tokio::select! {
                 // Inputs come first: a flood of notices must not delay a pause.
                 biased;
-                Some(input) = next(&mut inputs) => self.obey(&input),
+                Some(given) = next(&mut inputs) => self.obey(&given),
                 notice = notices.recv() => {
                     // The last clone of the trace is gone: the run ended without an outcome.
                     let Some(notice) = notice else { break };
@@ -149,8 +149,12 @@ impl Shell {
     }
 
     /// Applies an input and shows the result to the operator.
-    fn obey(&mut self, input: &Input) {
-        let done = apply(input, &self.controls);
+    fn obey(&mut self, given: &Given) {
+        let input = &given.input;
+        let done = match given.refusal() {
+            Some(why) => Err(why.into()),
+            None => apply(input, &self.controls),
+        };
         if done == Ok(true) {
             // An input without an effect must not change the hash of the run.
             self.hash.message("operator", "ui", input);
@@ -179,7 +183,7 @@ impl Shell {
 }
 
 /// Waits for the operator's next input; forever if another receiver has taken the inputs.
-async fn next(inputs: &mut Option<Inputs>) -> Option<Input> {
+async fn next(inputs: &mut Option<Inputs>) -> Option<Given> {
     match inputs {
         Some(inputs) => inputs.recv().await,
         // `None` would end the loop of the UI at once.

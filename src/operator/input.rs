@@ -80,6 +80,12 @@ impl Input {
         }
     }
 
+    /// Checks whether the input lets an arm begin to move.
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        matches!(self, Self::Start | Self::Resume | Self::Manual { .. })
+    }
+
     /// Returns the name of the input with its arguments, for people.
     #[must_use]
     pub fn describe(&self) -> String {
@@ -122,6 +128,10 @@ pub enum Manual {
     Joint(Step),
     /// Moves along (0, 1, 2: m) or about (3, 4, 5: rad) an axis of the tool.
     Tool(Step),
+    /// Moves the tool along or about an axis as [`Self::Tool`] does, but one of the arm's base.
+    Base(Step),
+    /// Moves the tool along or about an axis as [`Self::Tool`] does, but one of the world.
+    World(Step),
     /// Moves the pads of the jaws to a distance from each other.
     Jaw {
         /// Distance between the pads (m).
@@ -142,18 +152,22 @@ impl Manual {
         // People read millimetres and degrees; the input itself is in SI units.
         let degrees = |angle: f64| format!("{:+.1} deg", angle.to_degrees());
         let millimetres = |length: f64| format!("{:+.1} mm", length * 1e3);
+        let cartesian = |frame: &str, Step { axis, by }: Step| {
+            let name = ["x", "y", "z"][axis % 3];
+            match axis {
+                0..3 => format!("along the {frame}'s {name} by {}", millimetres(by)),
+                _ => format!("about the {frame}'s {name} by {}", degrees(by)),
+            }
+        };
         match self {
             Self::Synchronise => "synchronise".to_owned(),
             Self::Motor(Step { axis, by }) => format!("motor {axis} by {by:+.1} rad"),
             // Axis 0 is the track, which moves by a length.
             Self::Joint(Step { axis: 0, by }) => format!("track by {}", millimetres(*by)),
             Self::Joint(Step { axis, by }) => format!("joint {axis} by {}", degrees(*by)),
-            Self::Tool(Step { axis, by }) if *axis < 3 => {
-                format!("along the tool's {} by {}", ["x", "y", "z"][*axis], millimetres(*by))
-            }
-            Self::Tool(Step { axis, by }) => {
-                format!("about the tool's {} by {}", ["x", "y", "z"][*axis % 3], degrees(*by))
-            }
+            Self::Tool(step) => cartesian("tool", *step),
+            Self::Base(step) => cartesian("base", *step),
+            Self::World(step) => cartesian("world", *step),
             Self::Jaw { opening } => format!("jaws to {:.1} mm", opening * 1e3),
             Self::Pose { name } => format!("go to {name}"),
             Self::Bias => "zero the force sensor".to_owned(),
@@ -209,6 +223,8 @@ mod tests {
             (r#""joint","axis":2,"by":0.25"#, "joint 2 by +14.3 deg"),
             (r#""tool","axis":2,"by":-0.01"#, "along the tool's z by -10.0 mm"),
             (r#""tool","axis":3,"by":0.25"#, "about the tool's x by +14.3 deg"),
+            (r#""base","axis":0,"by":0.01"#, "along the base's x by +10.0 mm"),
+            (r#""world","axis":5,"by":-0.25"#, "about the world's z by -14.3 deg"),
             (r#""jaw","opening":0.08"#, "jaws to 80.0 mm"),
             (r#""pose","name":"front""#, "go to front"),
             (r#""bias""#, "zero the force sensor"),

@@ -4,11 +4,13 @@
 //! - [`Stage`]: the data that do not change in a run (solids, names, limits); sent once
 //! - [`Snapshot`]: the controller's *belief* at one moment; only the poses of loose objects in it
 //!   are the plant's truth, and shown as that
+//! - [`History`]: the course of a run until now, for a user interface that comes late
 //! - [`Input`]: an input of the operator
 //! - [`Parameter`]: a value that the operator may change while a run goes on
 //! - [`Question`]: a question of the controller, with its [`Answer`]
 //! - source: the UI process of Zieliński et al. (2007), p. 369, and the operator's panel there
 
+mod history;
 mod input;
 pub mod parameter;
 mod question;
@@ -17,6 +19,7 @@ mod snapshot;
 mod solids;
 mod stage;
 
+pub use history::{ArmPoint, History, Lane, Point, Span};
 pub use input::{Input, Manual, Step};
 pub use parameter::Parameter;
 pub use question::{Answer, Question, Subject};
@@ -27,6 +30,6 @@ pub use snapshot::{
     State,
 };
 pub use solids::{
-    ArmJoints, FRAMES, Form, Shape, Solid, arm_frames, arm_solids, joints_of, object_solids,
+    ArmJoints, FRAMES, Form, Shape, Solid, arm_frames, cell_solids, joints_of, object_solids,
 };
 pub use stage::{ArmStage, CameraStage, Limits, ObjectStage, ParameterStage, Stage};

@@ -7,7 +7,7 @@
 //! - in: the cell as the controller believes it, the joints of an arm
 //! - out: the [`Solid`]s, sent once; the frames of the links, sent with each snapshot
 
-use crate::cell::{Arm, Cell, Mount};
+use crate::cell::{Arm, Cell, Mount, TABLE_TOP};
 use crate::motion::JointPositions;
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, Vector3};
@@ -63,6 +63,7 @@ const METAL: [u8; 3] = [168, 174, 182];
 const PAD: [u8; 3] = [40, 44, 50];
 const FLOOR_STONE: [u8; 3] = [120, 124, 130];
 const LOOSE: [u8; 3] = [186, 148, 84];
+const WOOD: [u8; 3] = [164, 134, 100];
 
 /// Number of boxes that draw a contour.
 const SLICES: u32 = 32;
@@ -171,10 +172,12 @@ pub fn joints_of(frames: &[Pose]) -> Option<ArmJoints> {
     Some(ArmJoints { points, flange, tool })
 }
 
-/// Returns the solids of all effectors, the rail of the track, and the cameras.
+/// Returns the solids of all effectors, the rail of the track, the table, and the cameras, of which
+/// a fixed one stands on a tripod.
 #[must_use]
-pub fn arm_solids(cell: &Cell) -> Vec<Solid> {
+pub fn cell_solids(cell: &Cell) -> Vec<Solid> {
     let mut solids = Vec::new();
+    table(&mut solids, cell);
     for (index, arm) in cell.arms.iter().enumerate() {
         one_arm(&mut solids, index, arm);
     }
@@ -196,8 +199,43 @@ pub fn arm_solids(cell: &Cell) -> Vec<Solid> {
         });
         let lens = Shape::Cylinder { radius: 0.014, length: 0.02 };
         solids.push(Solid { arm, frame, pose, shape: lens, colour: METAL, jaw: 0 });
+        if arm.is_none() {
+            tripod(&mut solids, Point3::from(back.translation.vector));
+        }
     }
     solids
+}
+
+/// Adds the table, whose top is below the zone of the hand-over.
+fn table(solids: &mut Vec<Solid>, cell: &Cell) {
+    const THICK: f64 = 0.03;
+    let (wide, deep) = TABLE_TOP;
+    let at = cell.hand.world_from_cube.translation.vector;
+    let mut add = |x: f64, y: f64, z: f64, size: [f64; 3], colour| {
+        let pose = Pose::translation(at.x + x, at.y + y, z);
+        let shape = Shape::Box { size };
+        solids.push(Solid { arm: None, frame: 0, pose, shape, colour, jaw: 0 });
+    };
+    let leg = (cell.table_height - THICK).max(1e-3);
+    add(0.0, 0.0, cell.table_height - 0.5 * THICK, [wide, deep, THICK], WOOD);
+    for (x, y) in [(-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)] {
+        add(x * (wide - 0.08), y * (deep - 0.08), 0.5 * leg, [0.04, 0.04, leg], DARK);
+    }
+}
+
+/// Adds the legs of a tripod below the point `top`.
+fn tripod(solids: &mut Vec<Solid>, top: Point3<f64>) {
+    /// Distance of the feet from the middle, as a share of the height.
+    const SPREAD: f64 = 0.3;
+    for third in 0..3_i32 {
+        let angle = f64::from(third) * std::f64::consts::TAU / 3.0;
+        let along = Vector3::new(SPREAD * angle.cos(), SPREAD * angle.sin(), -1.0);
+        let z = along.normalize();
+        let y = z.cross(&Vector3::x()).normalize();
+        let pose = pose_from_axes(y.cross(&z), y, z, top);
+        let shape = Shape::Cylinder { radius: 0.011, length: along.norm() * top.z.max(0.0) };
+        solids.push(Solid { arm: None, frame: 0, pose, shape, colour: DARK, jaw: 0 });
+    }
 }
 
 /// Adds the solids of the arm with this index: from base to fingers, and its rail.
@@ -300,11 +338,27 @@ mod tests {
     }
 
     #[test]
+    fn tripod_stands_on_the_floor_below_camera() {
+        let mut legs = Vec::new();
+        let top = Point3::new(1.0, 2.0, 1.5);
+
+        tripod(&mut legs, top);
+
+        assert_eq!(legs.len(), 3);
+        for leg in &legs {
+            let Shape::Cylinder { length, .. } = leg.shape else { panic!("a leg is a rod") };
+            let foot = leg.pose * Point3::new(0.0, 0.0, length);
+            assert!(foot.z.abs() < 1e-9 && leg.pose * Point3::origin() == top, "{foot}");
+            assert!(((foot - top).xy().norm() - 0.45).abs() < 1e-9, "{foot}");
+        }
+    }
+
+    #[test]
     fn each_solid_is_attached_to_existing_frame() {
         let scenario = crate::tasks::read(Path::new("t.toml"), "", &[]).unwrap();
         let cell = &scenario.controller.cell;
 
-        let solids = arm_solids(cell);
+        let solids = cell_solids(cell);
 
         assert!(solids.len() > 20);
         for solid in solids {

@@ -15,7 +15,7 @@ use crate::desk::{Desk, Pictures, RunEnd};
 use crate::hw::driver::{NoRecords, RecordSink, ServoRecord};
 use crate::kernel::Picture;
 use crate::motion::{AXES, ArmFault, ArmState, JointPositions, Synchronisation};
-use crate::operator::{Class, ControlView, Input, OutcomeView, Services, Snapshot};
+use crate::operator::{Class, ControlView, History, Input, OutcomeView, Services, Snapshot};
 use crate::record::reading::{End, Label, Message, Piece, Reading, Unreadable};
 use crate::record::sensed::{self, Sensed};
 use crate::record::summary::Summary;
@@ -39,6 +39,8 @@ const REFRESH: Duration = Duration::from_millis(50);
 /// Periods of 2 ms between two states of an arm that are kept. The largest values in between are
 /// kept with them.
 const PERIODS_PER_STATE: u32 = 20;
+/// Number of snapshots from which the history of a recording is made.
+const HISTORY: u32 = 2000;
 /// Speed that means "as fast as possible", in multiples of real time.
 const FASTEST: f64 = 200.0;
 
@@ -319,6 +321,7 @@ impl Show {
     /// fast as possible.
     pub fn run(&self, desk: &RunEnd, speed: f64, stays: bool, stop: &AtomicBool) {
         let mut inputs = desk.take_inputs();
+        desk.replace_history(self.history());
         let mut playhead = Playhead::new(self, desk);
         let (mut time, mut speed, mut paused) = (0.0, speed, false);
         let mut last = Instant::now();
@@ -477,6 +480,8 @@ struct Playhead<'a> {
     number: u64,
     /// Whether the outcome was shown.
     over: bool,
+    /// Whether no picture is decoded, because nobody looks at them.
+    blind: bool,
 }
 
 impl<'a> Playhead<'a> {
@@ -496,7 +501,7 @@ impl<'a> Playhead<'a> {
         let mut values = latest.lock();
         (values.mp, values.replayed) = ("as recorded", true);
         drop(values);
-        Self { show, to, latest, presenter, next: 0, faults, number: 0, over: false }
+        Self { show, to, latest, presenter, next: 0, faults, number: 0, over: false, blind: false }
     }
 
     /// Moves the playback to a time (s) at once: applies all events up to it. Clears the largest
@@ -555,6 +560,9 @@ impl<'a> Playhead<'a> {
             self.latest.lock().picture = Some(picture.as_ref().clone());
         }
         for (camera, (period, jpeg, found)) in looks {
+            if self.blind {
+                continue;
+            }
             let image = image::load_from_memory_with_format(jpeg, image::ImageFormat::Jpeg).ok();
             let image = image.map(image::DynamicImage::into_rgb8);
             self.latest.saw(camera, Sight { period, image, found: found.clone() });
@@ -588,7 +596,7 @@ impl<'a> Playhead<'a> {
             arm.fault = arm.fault.take().map(|_| fault.clone());
             arm.remedy = None;
         }
-        self.to.snapshots.send_replace(Arc::new(snapshot));
+        self.to.publish(snapshot);
     }
 }
 
@@ -608,6 +616,17 @@ impl Show {
         moments.map(|((time, words), snapshot)| (*time, words.clone(), snapshot)).collect()
     }
 
+    /// Returns the history of the whole recording.
+    fn history(&self) -> History {
+        let desk = Desk::default();
+        let (ui, run) = desk.ends();
+        let mut playhead = Playhead { blind: true, ..Playhead::new(self, &run) };
+        for i in 0..=HISTORY {
+            playhead.show(self.end * f64::from(i) / f64::from(HISTORY), false, 1.0);
+        }
+        ui.history(|history| history.clone().finished())
+    }
+
     /// Returns the time of the last message that is shown (s).
     #[must_use]
     pub fn end(&self) -> f64 {
@@ -622,7 +641,7 @@ impl Show {
         let at = |time: &f64| {
             playhead.skip(*time);
             playhead.show(*time, true, 1.0);
-            Arc::clone(&desk.snapshots.borrow())
+            desk.latest()
         };
         times.iter().map(at).collect()
     }
@@ -789,7 +808,7 @@ mod tests {
         playhead.skip(0.6);
         playhead.show(0.6, true, 1.0);
 
-        let snapshot = desk.snapshots.borrow().clone();
+        let snapshot = desk.latest();
         assert_eq!(snapshot.cameras[0].words, "look 200", "what was found in that picture");
         assert_eq!((snapshot.arms[0].peak, snapshot.arms[0].following), ((0.0, 0.0), 0.0));
         let pictures = desk.pictures.borrow();
@@ -820,7 +839,7 @@ mod tests {
         playhead.skip(0.6);
         playhead.show(0.6, true, 1.0);
 
-        let objects = desk.snapshots.borrow().objects.clone();
+        let objects = desk.latest().objects.clone();
         assert_eq!(objects.keys().collect::<Vec<_>>(), ["bar"]);
         assert_eq!(objects["bar"], Pose::translation(0.7, 0.0, 0.0));
     }

@@ -10,6 +10,9 @@ use crate::motion::JointPositions;
 use crate::spatial::{GRAVITY, Pose};
 use nalgebra::{Point3, Vector3};
 
+/// Size of the table top along x and y (m). Its centre is below the zone of the hand-over.
+pub const TABLE_TOP: (f64, f64) = (0.7, 1.2);
+
 /// Everything that is built into the cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {

@@ -1,20 +1,25 @@
 //! WebSocket of one page: the messages to the page, the messages from the page, and its seat (its
 //! right to command or to watch).
 //!
-//! - out, JSON objects with one key each: `stage` at the beginning and at each change; `snapshot`,
+//! - out, JSON objects with one key each: `stage` at the beginning and at each change; `history`,
+//!   the points of the run until now, at the beginning of a run; `timeline`, the spans of time that
+//!   have changed, twice a second at most; `snapshot`,
 //!   without the plan and the messages; `plan` at each change; `messages`, only those that this
 //!   page has not received; `seat` when the right to command changes; `refused` with a reason;
-//!   `denied` with a reason, if the token is wrong
+//!   `taken` with the number of a command that the run gets; `clock`, the server's clock (ms), five
+//!   times a second; `denied` with a reason, if the token is wrong
 //! - in: first `{"token": TOKEN, "page": NAME}`; by the name, which is optional, the page is
 //!   recognised after a lost connection; then an [`Input`] as `{"command": NAME, ...}` with its
 //!   arguments beside the name, `{"seat": "take"}` and `"leave"`, the answers `"give"` and `"keep"`
 //!   to a page that asks for the right to command, and `{"alive": true}`
+//! - a command may have a `number`, which its answer repeats, and `sent`, the time of the server's
+//!   clock at which it was given (ms): an order to move that is late is refused
 
 use super::guard::Refused;
 use super::line::{ASKS, Line};
 use super::seats::Seat;
 use super::shared::Shared;
-use crate::desk::UiEnd;
+use crate::desk::{Given, UiEnd};
 use crate::operator::{Input, Message, PlanLine, Snapshot, Stage};
 use axum::extract::ws::{self, WebSocket, WebSocketUpgrade};
 use axum::extract::{ConnectInfo, State};
@@ -22,15 +27,20 @@ use axum::response::Response;
 use futures_util::{Sink, SinkExt as _, Stream, StreamExt as _};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 
 /// Greatest length of a message of a page (bytes). An answer with 54 stickers has 150.
 const LONGEST: usize = 4096;
-/// Number of refusals that may wait to be sent to a page.
-const REFUSALS: usize = 16;
+/// Number of answers to commands that may wait to be sent to a page.
+const ANSWERS: usize = 16;
+/// Number of intervals between two messages with the server's clock. A page that gets no message
+/// for longer shows that its data are out of date.
+const CLOCK: u32 = 4;
+/// Number of intervals between two looks for changes of the timeline.
+const TIMELINE: u32 = 10;
 /// Time between two snapshots to one page.
 const INTERVAL: Duration = Duration::from_millis(50);
 /// Time without a message from a page after which the page loses its right to command.
@@ -38,6 +48,9 @@ const SILENCE: Duration = Duration::from_secs(15);
 /// Time without a message from a page after which the page is disconnected. A hidden page still
 /// sends one each minute, although browsers slow down its timers.
 const GONE: Duration = Duration::from_secs(300);
+
+/// Beginning of the server's clock.
+static BEGUN: LazyLock<std::time::Instant> = LazyLock::new(std::time::Instant::now);
 
 /// Longest name that a page gives itself (bytes).
 const NAME: usize = 64;
@@ -105,32 +118,32 @@ async fn converse<E>(
     seat: &Seat,
     desk: &UiEnd,
 ) {
-    let (refusals, refused) = mpsc::channel(REFUSALS);
+    let (answers, answered) = mpsc::channel(ANSWERS);
     let heard = watch::channel(Instant::now()).0;
     // The directions run concurrently: a page that reads nothing must be obeyed, too, because it
     // may press the emergency stop.
     tokio::select! {
-        () = listen(from_page, seat, desk, &heard, &refusals) => {}
-        () = tell(to_page, seat, desk, &heard, refused) => {}
+        () = listen(from_page, seat, desk, &heard, &answers) => {}
+        () = tell(to_page, seat, desk, &heard, answered) => {}
     }
 }
 
 /// Obeys the messages of a page until the page is gone. Stores the time of each message in `heard`,
-/// and sends the reason of each refusal to `refusals`.
+/// and sends the answer to each command to `answers`.
 async fn listen<E>(
     mut from_page: impl Stream<Item = Result<ws::Message, E>> + Unpin,
     seat: &Seat,
     desk: &UiEnd,
     heard: &watch::Sender<Instant>,
-    refusals: &mpsc::Sender<String>,
+    answers: &mpsc::Sender<String>,
 ) {
     while let Some(Ok(word)) = from_page.next().await {
         heard.send_replace(Instant::now());
         match word {
             ws::Message::Text(text) => {
-                if let Some(why) = obey(text.as_str(), seat, desk) {
-                    // If a page does not read its refusals, further ones are dropped.
-                    let _ = refusals.try_send(why);
+                if let Some(answer) = answer(text.as_str(), seat, desk) {
+                    // If a page does not read its answers, further ones are dropped.
+                    let _ = answers.try_send(answer);
                 }
             }
             ws::Message::Close(_) => return,
@@ -139,17 +152,18 @@ async fn listen<E>(
     }
 }
 
-/// Sends refusals, the right to command and snapshots to a page, until the page is gone or has sent
-/// nothing for too long. `heard` has the time of its last message.
+/// Sends answers, the right to command, the clock and snapshots to a page, until the page is gone or
+/// has sent nothing for too long. `heard` has the time of its last message.
 async fn tell(
     mut to_page: impl Sink<ws::Message> + Unpin,
     seat: &Seat,
     desk: &UiEnd,
     heard: &watch::Sender<Instant>,
-    mut refused: mpsc::Receiver<String>,
+    mut answered: mpsc::Receiver<String>,
 ) {
     let mut changes = seat.changes();
     let mut sent = Sent::default();
+    let mut ticks = 0;
     // After a slow write the next snapshot is due a whole interval later: no backlog builds up.
     let mut due = tokio::time::interval(INTERVAL);
     due.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
@@ -157,7 +171,7 @@ async fn tell(
     loop {
         let out = tokio::select! {
             biased;
-            Some(why) = refused.recv() => vec![json!({ "refused": why }).to_string()],
+            Some(answer) = answered.recv() => vec![answer],
             changed = changes.changed() => {
                 if changed.is_err() {
                     return;
@@ -175,7 +189,12 @@ async fn tell(
                     seat.leave();
                 }
                 seat.look_at_clock();
-                sent.news(desk)
+                let mut news = sent.news(desk);
+                if ticks % CLOCK == 0 {
+                    news.push(json!({ "clock": BEGUN.elapsed().as_millis() as u64 }).to_string());
+                }
+                ticks = ticks.wrapping_add(1);
+                news
             }
         };
         for text in out {
@@ -218,12 +237,31 @@ enum SeatRequest {
 /// An [`Input`] as a page writes it: its name, with its arguments beside it.
 #[derive(Debug, Deserialize)]
 #[serde(try_from = "NameBesideArguments")]
-struct PageInput(Input);
+struct PageInput {
+    input: Input,
+    /// Number that the page gives to the command.
+    number: Option<u64>,
+    /// Time of the server's clock at which the command was given (ms).
+    sent: Option<u64>,
+}
+
+impl PageInput {
+    /// Returns the input with its time.
+    fn given(self) -> Given {
+        let at = self.sent.and_then(|sent| BEGUN.checked_add(Duration::from_millis(sent)));
+        match at {
+            Some(at) => Given::at(self.input, at),
+            None => Given::untimed(self.input),
+        }
+    }
+}
 
 /// JSON object of an input: `command` is its name, the other keys are its arguments.
 #[derive(Debug, Deserialize)]
 struct NameBesideArguments {
     command: String,
+    number: Option<u64>,
+    sent: Option<u64>,
     #[serde(flatten)]
     arguments: Map<String, Value>,
 }
@@ -232,10 +270,11 @@ impl TryFrom<NameBesideArguments> for PageInput {
     type Error = serde_json::Error;
 
     fn try_from(message: NameBesideArguments) -> serde_json::Result<Self> {
-        let NameBesideArguments { command, arguments } = message;
+        let NameBesideArguments { command, number, sent, arguments } = message;
         // Serde reads a variant without fields from its name, and one with fields from an object.
         let alone = serde_json::from_value(Value::from(command.as_str()));
-        alone.or_else(|_| serde_json::from_value(json!({ command: arguments }))).map(Self)
+        let input = alone.or_else(|_| serde_json::from_value(json!({ command: arguments })))?;
+        Ok(Self { input, number, sent })
     }
 }
 
@@ -259,9 +298,35 @@ fn unordered(input: &Input, stage: &Stage) -> Option<String> {
     Some(format!("parameter {}: {why}", parameter.declaration().name))
 }
 
+/// Obeys a message of a page. Returns the answer to it as a JSON text to send; `None` if it needs
+/// none.
+fn answer(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
+    let message = serde_json::from_str(text);
+    let number = match &message {
+        Ok(PageMessage::Input(input)) => input.number,
+        _ => None,
+    };
+    let refused = match message {
+        Ok(message) => obey_message(message, seat, desk),
+        Err(_) => Some(unreadable(text)),
+    };
+    match (refused, number) {
+        (Some(why), number) => Some(json!({ "refused": why, "number": number }).to_string()),
+        (None, Some(number)) => Some(json!({ "taken": number }).to_string()),
+        (None, None) => None,
+    }
+}
+
 /// Obeys a message of a page. Returns the reason if it is refused.
 pub(super) fn obey(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
-    let Ok(message) = serde_json::from_str(text) else { return Some(unreadable(text)) };
+    match serde_json::from_str(text) {
+        Ok(message) => obey_message(message, seat, desk),
+        Err(_) => Some(unreadable(text)),
+    }
+}
+
+/// Obeys a message of a page that could be read. Returns the reason if it is refused.
+fn obey_message(message: PageMessage, seat: &Seat, desk: &UiEnd) -> Option<String> {
     match message {
         PageMessage::Alive { .. } => None,
         PageMessage::Seat { seat: request } => match request {
@@ -275,27 +340,34 @@ pub(super) fn obey(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
                 None
             }
         },
-        // Each page may stop the arms. Any other input needs the right to command.
-        PageMessage::Input(PageInput(input))
-            if input == Input::EmergencyStop || seat.commands() =>
-        {
-            let name = input.name();
+        PageMessage::Input(page) => {
+            let given = page.given();
+            let name = given.input.name();
+            let refused = |why: &str| Some(format!("{name}: {why}"));
+            // Each page may stop the arms. Any other input needs the right to command.
+            if given.input != Input::EmergencyStop && !seat.commands() {
+                return refused("another page commands; take over first");
+            }
             seat.has_commanded();
-            if let Some(why) = unordered(&input, &desk.stage.borrow()) {
+            if let Some(why) = given.refusal() {
+                return refused(&why);
+            }
+            if let Some(why) = unordered(&given.input, &desk.stage.borrow()) {
                 return Some(why);
             }
-            (!desk.send(input)).then(|| format!("{name}: the run accepts no commands"))
-        }
-        PageMessage::Input(PageInput(input)) => {
-            Some(format!("{}: another page commands; take over first", input.name()))
+            if desk.give(given) { None } else { refused("the run accepts no commands") }
         }
     }
 }
 
-/// Latest stage, snapshot, message and plan that were sent to a page.
+/// Latest stage, snapshot, message, plan and history that were sent to a page.
 #[derive(Default)]
 struct Sent {
     stage: Option<Arc<Stage>>,
+    /// Number of the last change of the history.
+    changes: u64,
+    /// Number of calls of [`Self::news`].
+    ticks: u32,
     snapshot: Option<Arc<Snapshot>>,
     /// Latest message to the operator.
     message: Option<Message>,
@@ -310,8 +382,16 @@ impl Sent {
         let stage = desk.stage.borrow().clone();
         if self.stage.as_ref().is_none_or(|had| !Arc::ptr_eq(had, &stage)) {
             out.push(json!({ "stage": *stage }).to_string());
+            out.push(desk.history(
+                |history| json!({ "history": { "points": history.points(), "whole": history.is_whole() } }),
+            ).to_string());
+            self.changes = 0;
             self.stage = Some(stage);
         }
+        if self.ticks % TIMELINE == 0 {
+            out.extend(self.timeline(desk));
+        }
+        self.ticks = self.ticks.wrapping_add(1);
         // The last snapshot is sent even if the run that published it is gone.
         let snapshot = desk.snapshots.borrow().clone();
         if self.snapshot.as_ref().is_some_and(|had| Arc::ptr_eq(had, &snapshot)) {
@@ -330,6 +410,18 @@ impl Sent {
             out.push(format!("{{\"snapshot\":{text}}}"));
         }
         out
+    }
+
+    /// Returns the spans of the history that have changed since the last call, as a JSON text to
+    /// send; `None` if there are none.
+    fn timeline(&mut self, desk: &UiEnd) -> Option<String> {
+        desk.history(|history| {
+            let since = std::mem::replace(&mut self.changes, history.changes());
+            // Fewer changes than before belong to another run, whose stage is not here yet.
+            let since = since.min(history.changes());
+            let spans: Vec<_> = history.spans_since(since).collect();
+            (!spans.is_empty()).then(|| json!({ "timeline": spans }).to_string())
+        })
     }
 
     /// Returns the messages of `all` that were not sent yet as a JSON text to send; `None` if there
@@ -413,7 +505,7 @@ mod tests {
     #[test]
     fn page_messages_become_inputs() {
         let read = |text: &str| match serde_json::from_str(text) {
-            Ok(PageMessage::Input(PageInput(input))) => Some(input),
+            Ok(PageMessage::Input(page)) => Some(page.input),
             _ => None,
         };
         let jog =
@@ -482,6 +574,28 @@ mod tests {
         let given = Input::Parameter { parameter: Parameter::Grip, value: 45.0 };
         assert_eq!(inputs.try_recv(), Ok(given));
         assert!(inputs.try_recv().is_err(), "no other order reaches the run");
+    }
+
+    #[test]
+    fn late_order_to_move_is_refused_with_its_number() {
+        let (ui, run) = Desk::default().ends();
+        let seat = Arc::new(Seats::default()).newcomer(0, None);
+        let now = BEGUN.elapsed().as_millis() as u64;
+        let told = |command: &str, sent: u64| {
+            let text = format!(r#"{{"command":"{command}","number":7,"sent":{sent}}}"#);
+            answer(&text, &seat, &ui).unwrap()
+        };
+        std::thread::sleep(Duration::from_millis(600));
+
+        let late = told("resume", now);
+        assert!(late.contains("late") && late.contains(r#""number":7"#), "{late}");
+        // A stop counts whatever its age, and a clock that is ahead makes nothing late.
+        for (command, sent) in [("emergency_stop", now), ("pause", now), ("resume", now + 60_000)] {
+            assert_eq!(told(command, sent), r#"{"taken":7}"#, "{command}");
+        }
+        let mut inputs = run.take_inputs().unwrap();
+        let read = std::iter::from_fn(|| inputs.try_recv().ok()).collect::<Vec<_>>();
+        assert_eq!(read, [Input::EmergencyStop, Input::Pause, Input::Resume]);
     }
 
     #[test]

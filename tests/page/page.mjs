@@ -41,7 +41,9 @@ class Run {
   constructor(...args) {
     this.recording = `${pictures}/run${Run.number++}.mcap`;
     const listen = args.includes("--listen") ? [] : ["--listen", "127.0.0.1:0"];
-    const all = ["run", ...args, "--ui", "web", ...listen, "--record", this.recording];
+    // Another command than a run comes as one list of words.
+    const [other] = args.filter(Array.isArray);
+    const all = other ? [...other, "--ui", "web", ...listen] : ["run", ...args, "--ui", "web", ...listen, "--record", this.recording];
     this.process = spawn(binary, all, { stdio: ["ignore", "pipe", "pipe"] });
     alive.add(this.process);
     this.process.on("exit", () => alive.delete(this.process));
@@ -87,7 +89,9 @@ class Run {
 
 const browser = await chromium.launch({
   executablePath,
-  args: ["--no-sandbox", "--enable-unsafe-swiftshader", "--disable-background-networking", "--disable-component-update", "--disable-sync"],
+  args: ["--no-sandbox", "--enable-unsafe-swiftshader", "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    // Chromium takes a page of the working tree for one from elsewhere.
+    ...(process.env.ASSETS ? ["--disable-features=LocalNetworkAccessChecks"] : [])],
 });
 
 async function open(run, size = "desktop", colorScheme = "light") {
@@ -98,6 +102,11 @@ async function open(run, size = "desktop", colorScheme = "light") {
     if (new URL(request.url()).host !== new URL(url).host && !request.url().startsWith("blob:")) check(false, `the page contacts a third party: ${request.url()}`);
   });
   page.setDefaultTimeout(120000);
+  // Files of the page from the working tree instead of those in the program.
+  if (process.env.ASSETS) await page.route(/\.(js|css)$|\/$/, (route) => {
+    const { pathname } = new URL(route.request().url());
+    route.fulfill({ path: `src/web/assets/${pathname === "/" ? "index.html" : pathname}` });
+  });
   await page.goto(url);
   await page.waitForFunction(() => window.page?.snapshot);
   return page;
@@ -224,6 +233,59 @@ async function curves(page) {
   check(kept.first < 301 && kept.most === 50 && kept.count < 10000, `the curves keep ten minutes and their peaks: ${JSON.stringify(kept)}`);
 }
 
+/** Checks that the net of the cube as it is now follows the turns. */
+async function nets(page) {
+  const shown = await page.evaluate(() => {
+    const colours = (figure) => [...figure.querySelectorAll(".tile")].map((tile) => tile.style.background).join(" ");
+    const [now, read] = [...document.querySelectorAll("#net figure")].map(colours);
+    return { turned: now !== read, empty: now.split(" ").filter(Boolean).length < 54 };
+  });
+  check(shown.turned && !shown.empty, `the net "now" differs from that as read after a turn: ${JSON.stringify(shown)}`);
+}
+
+/** Checks that a page that is opened now has the course of the run from its beginning. */
+async function late(run) {
+  const page = await open(run);
+  await page.waitForFunction(() => window.page.timeline.spans.length > 0);
+  const had = await page.evaluate(() => {
+    const { curves, timeline } = window.page;
+    const points = curves.points.filter((p) => p.arms.every((arm) => arm.joints.length === 7 && Number.isFinite(arm.peak[0])));
+    const phases = timeline.spans.filter((span) => span.lane === "phase");
+    const holders = timeline.spans.filter((span) => span.lane === "holder").map((span) => span.words);
+    return { first: points[0].time, count: points.length, phases: phases.map((span) => span.words), ended: phases.slice(0, -1).every((span) => span.to !== null), holders };
+  });
+  check(had.first < 1 && had.count > 100, `a late page has the curves from the beginning: ${had.count} points from ${had.first} s`);
+  check(had.phases[0] === "acquire" && had.phases.includes("solve") && had.ended, `and the timeline: ${had.phases}`);
+  check(had.holders.some((words) => words.includes("track")), `with the holders of the cube: ${had.holders.slice(0, 4)}`);
+  await page.close();
+}
+
+/** Checks the cursor, the zoom and the choice of the curves, and the words of the timeline. */
+async function examine(page) {
+  const box = await page.locator("#curves canvas").first().boundingBox();
+  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await page.waitForFunction(() => [...document.querySelectorAll("#curves figcaption")].every((it) => / at \d+\.\d s/.test(it.textContent)));
+  check(true, "the cursor shows the values of all curves at one time");
+  const long = () => page.evaluate(() => { const [from, to] = window.page.curves.shown(); return to - from; });
+  const before = await long();
+  await page.mouse.wheel(0, -500);
+  await page.waitForFunction((length) => { const [from, to] = window.page.curves.shown(); return to - from < 0.7 * length; }, before);
+  check(await page.isVisible("#follow"), "the wheel zooms the curves, which no longer follow the run");
+  await page.click("#follow");
+  check(Math.abs(await long() - before) < 1, "a button lets them follow again");
+  const charts = () => page.locator("#curves canvas").count();
+  const shown = await charts();
+  await page.click(".curves summary");
+  await page.getByLabel("Grip", { exact: true }).check();
+  check(await charts() === shown + 1, "another signal is another chart");
+  await page.getByLabel("Grip", { exact: true }).uncheck();
+  await page.click(".curves summary");
+  const strip = await page.locator("#timeline").boundingBox();
+  await page.mouse.move(strip.x + 70, strip.y + 8);
+  await page.waitForFunction(() => document.getElementById("timeline-words").textContent.includes("acquire"));
+  check(/about .* left of the plan/.test(await page.textContent("#left")), `the page tells the time that is left: ${await page.textContent("#left")}`);
+}
+
 /** Checks that a finished plan shows every step as done, with the last step in view. */
 async function planned(page) {
   const end = await page.evaluate(() => {
@@ -281,6 +343,9 @@ async function mission() {
   await sees(page, "the steps of the plan are executed", "s.step > 1");
   await page.selectOption("#speed", "2");
   await sees(page, "the snapshot shows a turned layer", "s.cube.turned && Math.abs(s.cube.turned.angle) > 0.3");
+  await nets(page);
+  await late(run);
+  await examine(page);
   await picture(page, run, "running");
   check(await page.locator("#plan li.now").count() === 1, "the plan's present step is marked");
   await page.click("#pause");
@@ -352,6 +417,87 @@ async function fault() {
   await run.ends(3, /ABORTED\s+fatal, .*emergency stop/);
 }
 
+/** Returns the time (ms) until `test` holds in the page, or NaN after 5 s. */
+async function until(page, test) {
+  const begun = Date.now();
+  const found = await page.waitForFunction(test, null, { polling: 20, timeout: 5000 }).catch(() => null);
+  return found ? Date.now() - begun : NaN;
+}
+
+/**
+ * Checks that a page shows within about 1 s that the program is frozen, that an order from before is
+ * dropped, and that each press of the emergency stop is confirmed or called not confirmed.
+ */
+async function frozen() {
+  console.log("# a frozen program");
+  const run = new Run("scenarios/idle.toml", "--speed", "1");
+  const page = await open(run);
+  await sees(page, "the arms can be moved by hand", "s.services.manual && s.time > 1");
+  // The program sends its clock five times a second, so a page may notice 0.2 s later.
+  const slack = loadavg()[0] > cpus().length ? 3 : 1;
+  const words = () => page.textContent("#state");
+  run.process.kill("SIGSTOP");
+  const noticed = await until(page, () => document.body.classList.contains("stale"));
+  check(noticed <= 1200 * slack, `the page shows that no data come, after ${noticed} ms`);
+  check(/^no data for \d+ s$/.test(await words()), `the state says so: ${await words()}`);
+  check(await page.isDisabled("#pause") && await page.isDisabled("[aria-label^='joint 1 plus']"), "commands are disabled");
+  check(await page.isEnabled("#emergency"), "the emergency stop is not");
+  const grey = await page.evaluate(() => getComputedStyle(document.getElementById("scene")).filter);
+  check(grey.includes("grayscale"), `the scene is grey (${grey})`);
+  // Greater steps than the buttons make would be refused anyway.
+  await page.evaluate(() => window.page.commands.give("manual", { effector: 0, order: { order: "joint", axis: 1, by: 0.05 } }));
+  await pause(2500);
+  await page.screenshot({ path: `${pictures}/frozen-desktop.png` });
+  const before = (await snapshot(page)).arms[0].joints[1];
+  run.process.kill("SIGCONT");
+  await page.getByText(/manual: it came \d.\d s late/).first().waitFor();
+  check(await until(page, () => !document.body.classList.contains("stale")) < 1000 * slack, "the data come again");
+  await pause(1500);
+  check(Math.abs((await snapshot(page)).arms[0].joints[1] - before) < 2e-3, "the late order did not move the arm");
+
+  await page.click("#pause");
+  check(await until(page, () => window.page.commands.took?.name === "pause") < 1000 * slack, "a pause is confirmed");
+  run.process.kill("SIGSTOP");
+  await until(page, () => document.body.classList.contains("stale"));
+  await page.click("#emergency");
+  const told = await until(page, () => document.getElementById("emergency-note").textContent.includes("NOT CONFIRMED: use the hardware stop"));
+  check(told <= 1200 * slack, `the emergency stop is called not confirmed, after ${told} ms`);
+  await page.screenshot({ path: `${pictures}/not-confirmed-desktop.png` });
+  // After 5 s the page opens another connection. The stop is obeyed all the same.
+  await pause(5500);
+  run.process.kill("SIGCONT");
+  await sees(page, "both arms stop after that", "s.arms.every((arm) => arm.fault)");
+  await sees(page, "the run ends", "s.control === 'ended' && !s.outcome.good");
+  await page.waitForFunction(() => window.page.commands.took?.name === "emergency_stop");
+  await page.waitForFunction(() => !document.getElementById("quit").disabled);
+  await page.click("#quit");
+  await page.close();
+  run.records("operator: pause", "operator: emergency stop");
+  await run.ends(3, /ABORTED\s+fatal, .*emergency stop/);
+}
+
+async function replayed() {
+  console.log("# a replay: the whole run at once, and jumps in time");
+  const recording = `${pictures}/replayed.mcap`;
+  await command(binary, ["run", "scenarios/acquire.toml", "--ui", "none", "--record", recording]);
+  const run = new Run(["replay", recording, "--speed", "1"]);
+  const page = await open(run);
+  await page.waitForFunction(() => window.page.timeline.spans.some((span) => span.lane === "holder" && span.words.includes("track")));
+  const end = await page.evaluate(() => {
+    const { curves, timeline, snapshot } = window.page;
+    return { now: snapshot.time, points: curves.points.at(-1).time, whole: timeline.end() };
+  });
+  check(end.now < 8 && end.points > 12 && Math.abs(end.points - end.whole) < 1, `curves and timeline cover the whole recording: ${JSON.stringify(end)}`);
+  const strip = await page.locator("#timeline").boundingBox();
+  await page.mouse.click(strip.x + 64 + 0.75 * (strip.width - 68), strip.y + 25);
+  await sees(page, "a click on the timeline jumps", "s.time > 0.7 * a && s.time < 0.95 * a", end.whole);
+  await picture(page, run, "replay");
+  await sees(page, "the replay ends with the verdict of the run", "s.outcome && s.outcome.good");
+  await page.click("#quit");
+  await page.close();
+  rmSync(recording);
+}
+
 async function byHand() {
   console.log("# motions by hand, and two pages");
   const run = new Run("scenarios/idle.toml", "--speed", "3");
@@ -382,6 +528,29 @@ async function byHand() {
   const tool = (await snapshot(page)).arms[0].frames[6].translation;
   await page.click("[aria-label^='z minus']");
   await sees(page, "the tool moves back along its z by 10 mm", "Math.abs(Math.hypot(...s.arms[0].frames[6].translation.map((v, i) => v - a[i])) - 0.01) < 1e-3", tool);
+  for (const [frame, along] of [["world", (a, b) => b.frames[6].translation[2] - a.frames[6].translation[2]], ["base", (a, b) => b.frames[6].translation[2] - a.frames[6].translation[2]]]) {
+    await page.click(`[data-pick='move by ${frame}']`);
+    const from = (await snapshot(page)).arms[0];
+    const told = () => page.locator(".axes .row output").nth(2).textContent();
+    const number = parseFloat(await told());
+    await page.click("[aria-label^='z plus']");
+    await sees(page, `the tool rises by 10 mm along the ${frame}'s z`, `Math.abs(s.arms[0].frames[6].translation[2] - a - 0.01) < 1e-3`, from.frames[6].translation[2]);
+    await pause(1000);
+    check(Math.abs(along(from, (await snapshot(page)).arms[0]) - 0.01) < 1e-3, "and stays there");
+    check(Math.abs(parseFloat(await told()) - number - 10) < 1, `the number of that frame follows: from ${number} to ${await told()}`);
+  }
+  await page.click("[data-pick='step 0']");
+  const low = (await snapshot(page)).arms[0].frames[6].translation[2];
+  await page.hover("[aria-label^='z minus']");
+  await page.mouse.down();
+  await pause(3500);
+  await page.mouse.up();
+  const sank = low - (await snapshot(page)).arms[0].frames[6].translation[2];
+  check(sank > 8e-4, `a button that is held repeats its step: ${(sank * 1e3).toFixed(1)} mm in steps of 0.5 mm`);
+  await pause(1500);
+  const rest = (await snapshot(page)).arms[0].frames[6].translation[2];
+  await pause(500);
+  check(Math.abs((await snapshot(page)).arms[0].frames[6].translation[2] - rest) < 2e-4, "and stops when it is released");
   await page.click("[data-pick='move by motor']");
   await page.click("[data-pick='step 1']");
   const motor = (await snapshot(page)).arms[0].motors[5];
@@ -513,6 +682,7 @@ async function question() {
   const right = [...subject.read];
   right[wrong[0]] = few;
   await sees(page, "the mission ends as solved", "s.control === 'ended' && s.outcome.good");
+  check(await page.locator("#net figure.solved").count() === 1, "the net \"now\" is solved");
   await picture(page, run, "solved");
   await page.click("#quit");
   await page.close();
@@ -520,7 +690,7 @@ async function question() {
   await run.ends(0, /SOLVED/);
 }
 
-const parts = { mission, handOver, fault, byHand, remote, unsynchronised, question };
+const parts = { mission, handOver, fault, frozen, replayed, byHand, remote, unsynchronised, question };
 const begun = Date.now();
 for (const [name, part] of Object.entries(parts)) {
   if (process.env.ONLY && !process.env.ONLY.split(",").includes(name)) continue;

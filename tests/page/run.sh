@@ -6,6 +6,7 @@
 # program is reported and the test passes.
 #   ONLY=mission,question   runs only these parts     LEAST_RATE=10   least frames per second in 3-D
 #   RUBIK_ROBOT, CHROMIUM   paths of other programs   KEEP=1          keeps the recordings
+#   ASSETS=1   takes the files of the page from src/web/assets, without another build
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 root=$(cd "$here/../.." && pwd)

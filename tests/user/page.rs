@@ -765,7 +765,7 @@ fn pages_at_every_address_require_the_token() {
             }
             operator.say(json!({ "command": "pause" })).await;
             let mut commands = run_end.take_inputs().unwrap();
-            assert_eq!(commands.recv().await, Some(Input::Pause));
+            assert_eq!(commands.recv().await.map(|given| given.input), Some(Input::Pause));
             assert!(commands.try_recv().is_err());
         });
         assert!(!run_end.stop_signal().is_pressed());
@@ -799,13 +799,13 @@ fn silent_sockets_keep_no_operator_out() {
             operator.say(json!({ "alive": true })).await;
         }
         operator.say(json!({ "command": "pause" })).await;
-        assert_eq!(commands.recv().await, Some(Input::Pause));
+        assert_eq!(commands.recv().await.map(|given| given.input), Some(Input::Pause));
         let mut third = Page::open(&server).await;
         third.next("seat").await;
         third.say(json!({ "command": "emergency_stop" })).await;
-        assert_eq!(commands.recv().await, Some(Input::EmergencyStop));
+        assert_eq!(commands.recv().await.map(|given| given.input), Some(Input::EmergencyStop));
         operator.say(json!({ "command": "resume" })).await;
-        assert_eq!(commands.recv().await, Some(Input::Resume));
+        assert_eq!(commands.recv().await.map(|given| given.input), Some(Input::Resume));
     });
     assert!(run_end.stop_signal().is_pressed());
 }
@@ -947,7 +947,7 @@ fn only_one_page_commands_until_another_takes_over() {
         assert_eq!(first.next("seat").await, seat(false, true, None));
         assert!(commands.try_recv().is_err(), "no command passed");
         second.say(json!({ "command": "pause" })).await;
-        assert_eq!(commands.recv().await, Some(Input::Pause));
+        assert_eq!(commands.recv().await.map(|given| given.input), Some(Input::Pause));
 
         second.say(json!({ "nonsense": 1 })).await;
         assert_eq!(second.next("refused").await, json!("the message is not a command"));
@@ -955,7 +955,7 @@ fn only_one_page_commands_until_another_takes_over() {
         assert_eq!(first.next("seat").await, seat(false, false, None));
         // The emergency stop does not need the right to command.
         first.say(json!({ "command": "emergency_stop" })).await;
-        assert_eq!(commands.recv().await, Some(Input::EmergencyStop));
+        assert_eq!(commands.recv().await.map(|given| given.input), Some(Input::EmergencyStop));
         assert!(run_end.stop_signal().is_pressed());
     });
 }
@@ -970,7 +970,7 @@ fn overlong_message_closes_its_page_without_effect() {
     runtime().block_on(async {
         let mut page = Page::open(&server).await;
         page.0.send(padded(4096)).await.unwrap();
-        assert_eq!(commands.recv().await, Some(Input::Pause));
+        assert_eq!(commands.recv().await.map(|given| given.input), Some(Input::Pause));
 
         page.0.send(padded(4097)).await.unwrap();
 
@@ -1122,7 +1122,7 @@ fn page_receives_a_snapshot_unchanged() {
         outcome: Some(outcome),
         ..Snapshot::default()
     };
-    run_end.snapshots.send_replace(std::sync::Arc::new(sent.clone()));
+    run_end.publish(sent.clone());
     let text = runtime().block_on(async { Page::open(&server).await.next("snapshot").await });
     let back: Snapshot = serde_json::from_value(text).unwrap();
     assert_eq!(back, sent);

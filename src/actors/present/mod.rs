@@ -204,7 +204,7 @@ impl Presenter {
         if let Some(pictures) = pictures {
             desk.pictures.send_replace(pictures);
         }
-        desk.snapshots.send_replace(Arc::new(snapshot));
+        desk.publish(snapshot);
     }
 
     /// Returns the present values of the run for the user interfaces. `speed` is the limit of the
@@ -538,7 +538,7 @@ mod tests {
 
         presenter.publish(&desk, Control::Running, 0.0);
 
-        let snapshot = desk.snapshots.borrow().clone();
+        let snapshot = desk.latest();
         assert_eq!(snapshot.time, 1.0, "500 periods of 2 ms");
         assert_eq!(snapshot.cube.held_by, [0, 1]);
         let shown = snapshot.cube.world_from_cube.unwrap();
@@ -561,7 +561,7 @@ mod tests {
 
         presenter.publish(&desk, Control::Running, 0.0);
 
-        assert_eq!(desk.snapshots.borrow().time, 0.5, "500 periods of 1 ms");
+        assert_eq!(desk.latest().time, 0.5, "500 periods of 1 ms");
     }
 
     #[test]
@@ -580,14 +580,14 @@ mod tests {
         };
         latest.saw(0, look());
         presenter.publish(&desk, Control::Running, 0.0);
-        let first = desk.snapshots.borrow().cameras[0].outlines.clone();
+        let first = desk.latest().cameras[0].outlines.clone();
 
         latest.lock().calibrated = Some(Box::new(cell));
         std::thread::sleep(PICTURE);
         latest.saw(0, look());
         presenter.publish(&desk, Control::Running, 0.0);
 
-        let outlines = desk.snapshots.borrow().cameras[0].outlines.clone();
+        let outlines = desk.latest().cameras[0].outlines.clone();
         let is_new = |corner: &(f64, f64)| {
             let far = |old: &(f64, f64)| (corner.0 - old.0).hypot(corner.1 - old.1) > 5.0;
             first.iter().flatten().all(far)
@@ -607,9 +607,9 @@ mod tests {
         latest.lock().arms[0].peaks = Peaks { force: 12.0, torque: 1.5, following: 0.0 };
 
         presenter.publish(&desk, Control::Running, 0.0);
-        assert_eq!(desk.snapshots.borrow().arms[0].peak, (12.0, 1.5));
+        assert_eq!(desk.latest().arms[0].peak, (12.0, 1.5));
         presenter.publish(&desk, Control::Running, 0.0);
-        assert_eq!(desk.snapshots.borrow().arms[0].peak, (0.0, 0.0));
+        assert_eq!(desk.latest().arms[0].peak, (0.0, 0.0));
     }
 
     #[test]
@@ -629,7 +629,7 @@ mod tests {
         presenter.notice(&Notice::Error(1.0, error));
         presenter.publish(&desk, Control::Running, 0.0);
 
-        let snapshot = desk.snapshots.borrow().clone();
+        let snapshot = desk.latest();
         let edp = snapshot.actors.iter().find(|a| a.name == "edp postument").unwrap();
         assert_eq!(edp.state, State::Fault);
         assert_eq!(snapshot.messages[0].class, Class::Fatal);

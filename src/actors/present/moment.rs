@@ -38,10 +38,12 @@ impl Moment {
     /// Copies the latest values for a snapshot at `time` (s). Resets those that count between two
     /// snapshots: the peaks of the arms and the punctuality of the servo.
     pub(super) fn of(latest: &mut Latest, time: f64) -> Self {
-        // Each peak is shown in one snapshot.
-        let read = |arm: &mut ArmLatest| ArmLatest {
-            state: arm.state,
-            peaks: std::mem::take(&mut arm.peaks),
+        // Each peak is shown in one snapshot. Without a new period since the last one, the present
+        // state is the peak: an empty one would appear as a force of 0.
+        let read = |arm: &mut ArmLatest| {
+            let mut peaks = std::mem::take(&mut arm.peaks);
+            peaks.take(&arm.state);
+            ArmLatest { state: arm.state, peaks }
         };
         let servo = latest.punctual.as_ref().map(|(switches, period)| {
             let (late, work, missed) = switches.punctual.take();

@@ -8,7 +8,7 @@ use crate::cube::Keeper;
 use crate::motion::{JointPositions, MotorPositions};
 use crate::operator::parameter::{AllBounds, DECLARED, Declaration};
 use crate::operator::{
-    ArmStage, CameraStage, Form, Limits, ObjectStage, ParameterStage, Stage, arm_solids,
+    ArmStage, CameraStage, Form, Limits, ObjectStage, ParameterStage, Stage, cell_solids,
     object_solids,
 };
 use crate::scenario::Scenario;
@@ -41,7 +41,7 @@ pub(crate) fn stage(scenario: &Scenario) -> Stage {
             .to_owned(),
         arms: cell.arms.iter().map(arm).collect(),
         cameras: cameras(cell),
-        solids: arm_solids(cell),
+        solids: cell_solids(cell),
         objects: scenario.objects().iter().map(object).collect(),
         edge: cell.cube.edge,
         hand_zone: (hands_over && cell.keeper == Keeper::Person)

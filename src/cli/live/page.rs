@@ -113,7 +113,7 @@ impl Page {
     /// Publishes the snapshot.
     fn publish(&mut self) {
         self.snapshot.number += 1;
-        self.run_end.snapshots.send_replace(Arc::new(self.snapshot.clone()));
+        self.run_end.publish(self.snapshot.clone());
     }
 }
 

@@ -52,6 +52,7 @@ fn limits(config: &ControllerConfig) -> Vec<ArmLimits> {
     let limits = |arm: &Arm| ArmLimits {
         has_track: arm.model.has_track,
         poses: present::poses(arm),
+        world_from_base: arm.world_from_base,
         opening: arm.gripper.opening,
         grip: config.control.grip,
     };

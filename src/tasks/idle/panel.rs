@@ -4,7 +4,7 @@
 //! - out: the behaviour that carries one out, or the order itself where no behaviour does; the
 //!   kernel never finishes by itself
 //! - source: the operator's panel of the original (synchronise; moves in motors, joints and tool
-//!   axes; named poses)
+//!   axes; named poses); base and world axes as on a pendant
 
 use crate::generators::{Behaviour, Outcome};
 use crate::kernel::procedure::{Port, Procedure, Shared};
@@ -22,6 +22,8 @@ pub struct ArmLimits {
     pub has_track: bool,
     /// Named poses to which the operator can send the arm.
     pub poses: Vec<(String, JointPositions)>,
+    /// Pose of the base in the world.
+    pub world_from_base: Pose,
     /// Smallest and largest distance between the pads (m).
     pub opening: (f64, f64),
     /// Force with which the jaws close (N).
@@ -124,12 +126,17 @@ fn action(
             target.0[step.axis] += step.by;
             Behaviour::Joints { target, speed: SPEED, seconds: 0.0 }
         }
-        Manual::Tool(step) => {
+        Manual::Tool(step) | Manual::Base(step) | Manual::World(step) => {
             let most = if step.axis < 3 { (FARTHEST.0, "m") } else { (FARTHEST.1, "rad") };
             within(step, most, 0..6)?;
-            // A displacement on the right of the pose is one in the axes of the tool.
-            let target = state.desired_base_from_tool * displacement(step);
-            Behaviour::Line { target, speed: SPEED }
+            let from = state.desired_base_from_tool;
+            // The axes in which the tool moves, in those of the base.
+            let axes = match order {
+                Manual::Tool(_) => from.rotation,
+                Manual::World(_) => limits.world_from_base.rotation.inverse(),
+                _ => UnitQuaternion::identity(),
+            };
+            Behaviour::Line { target: moved(&from, &axes, step), speed: SPEED }
         }
         Manual::Jaw { opening } => {
             let (low, high) = limits.opening;
@@ -153,17 +160,19 @@ fn action(
     Ok(Action::Behave { orders, until: Until::Effector(effector) })
 }
 
-/// Returns the displacement of a tool by a step along (axes 0..=2) or about (3..=5) one of its own
-/// axes (m, rad).
-fn displacement(step: Step) -> Pose {
+/// Returns the pose of a tool after a step along (axes 0..=2) or about (3..=5) one of these `axes`
+/// (m, rad); the tool point stays where it is in a turn.
+fn moved(base_from_tool: &Pose, axes: &UnitQuaternion<f64>, step: Step) -> Pose {
     let mut axis = Vector3::zeros();
     axis[step.axis % 3] = step.by;
+    let axis = axes * axis;
+    let mut to = *base_from_tool;
     if step.axis < 3 {
-        Pose::translation(axis.x, axis.y, axis.z)
+        to.translation.vector += axis;
     } else {
-        let turn = UnitQuaternion::from_scaled_axis(axis);
-        Pose::from_parts(nalgebra::Translation3::identity(), turn)
+        to.rotation = UnitQuaternion::from_scaled_axis(axis) * to.rotation;
     }
+    to
 }
 
 /// Checks that a step is on one of `axes` and moves by at most `farthest` (in `unit`), else returns
@@ -186,6 +195,7 @@ mod tests {
     use super::*;
     use crate::kernel::sensor::SensorReadings;
     use crate::kernel::{Forces, Kernel as _};
+    use std::f64::consts::FRAC_PI_2;
 
     /// Set joints of both arms in these tests. Each joint has another position.
     const SET: [f64; AXES] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
@@ -195,7 +205,10 @@ mod tests {
         let poses = vec![("front".to_owned(), JointPositions([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))];
         let arm = |has_track| {
             let poses = poses.clone();
-            ArmLimits { has_track, poses, opening: (0.04, 0.09), grip: 40.0 }
+            // The base is turned by a right angle about z.
+            let turn = UnitQuaternion::from_scaled_axis(FRAC_PI_2 * Vector3::z());
+            let world_from_base = Pose::from_parts(Vector3::new(1.0, 2.0, 0.0).into(), turn);
+            ArmLimits { has_track, poses, world_from_base, opening: (0.04, 0.09), grip: 40.0 }
         };
         panel(vec![arm(false), arm(true)])
     }
@@ -205,7 +218,12 @@ mod tests {
     fn after(effector: usize, order: Manual) -> (Action<()>, Vec<String>) {
         let mut panel = two_arms();
         let joints = JointPositions(SET.map(|set| set - 0.0625));
-        let arm = ArmState { joints, desired_joints: JointPositions(SET), ..ArmState::default() };
+        let arm = ArmState {
+            joints,
+            desired_joints: JointPositions(SET),
+            desired_base_from_tool: turned(),
+            ..ArmState::default()
+        };
         let readings = Readings {
             arms: &[arm; 2],
             forces: &Forces::default(),
@@ -248,11 +266,55 @@ mod tests {
         }
     }
 
+    /// Returns the set pose of the tool in [`after`]: its z lies along the base's x.
+    fn turned() -> Pose {
+        let turn = UnitQuaternion::from_scaled_axis(FRAC_PI_2 * Vector3::y());
+        Pose::from_parts(Vector3::new(0.5, 0.1, 0.9).into(), turn)
+    }
+
+    #[test]
+    fn tool_moves_along_axes_of_chosen_frame() {
+        let target = |order: Manual| -> Pose {
+            match after(0, order).0 {
+                Action::Behave { orders, .. } => match orders[0] {
+                    Some(Behaviour::Line { target, .. }) => target,
+                    ref other => panic!("{other:?}"),
+                },
+                other => panic!("{other:?}"),
+            }
+        };
+        let start = turned();
+        for (order, direction) in [
+            // The tool's z lies along the base's x.
+            (Manual::Tool(Step { axis: 2, by: 0.1 }), Vector3::x()),
+            (Manual::Base(Step { axis: 2, by: 0.1 }), Vector3::z()),
+            // The world's x lies along the base's -y.
+            (Manual::World(Step { axis: 0, by: 0.1 }), -Vector3::y()),
+        ] {
+            let along = target(order.clone());
+            let by: Vector3<f64> = along.translation.vector - start.translation.vector;
+            assert!((by - direction * 0.1).norm() < 1e-12, "{order:?}: {by}");
+            assert!(along.rotation.angle_to(&start.rotation) < 1e-7, "{order:?}");
+        }
+        for (order, axis) in [
+            (Manual::Tool(Step { axis: 5, by: 0.3 }), Vector3::x()),
+            (Manual::Base(Step { axis: 5, by: 0.3 }), Vector3::z()),
+            (Manual::World(Step { axis: 3, by: 0.3 }), -Vector3::y()),
+        ] {
+            let about = target(order.clone());
+            let by: Vector3<f64> = (about.rotation * start.rotation.inverse()).scaled_axis();
+            assert!((by - axis * 0.3).norm() < 1e-9, "{order:?}: {by}");
+            assert_eq!(about.translation, start.translation, "{order:?}: the point stays");
+        }
+    }
+
     #[test]
     fn panel_refuses_senseless_orders_with_reason() {
         for (effector, order, reason) in [
             (0, joint(7, 0.1), "this arm has no axis 7"),
             (0, tool(6, 0.1), "this arm has no axis 6"),
+            (0, Manual::World(Step { axis: 6, by: 0.1 }), "this arm has no axis 6"),
+            (0, Manual::Base(Step { axis: 0, by: 0.21 }), "a step of 0.21 m exceeds 0.20 m"),
             // The first arm has no track.
             (0, motor(0, 2.0), "this arm has no axis 0"),
             (0, joint(0, 0.01), "this arm has no axis 0"),

@@ -27,24 +27,33 @@ function tiles(kind) {
   return [net, all];
 }
 
-/** Net that shows the colours as they were read. */
+/** Two nets: the cube as it is now by the controller's count of turns, and as it was read. */
 export class NetView {
   constructor(place, note) {
-    [this.net, this.tiles] = tiles("span");
-    this.net.setAttribute("role", "group");
-    for (const tile of this.tiles) tile.setAttribute("role", "img");
+    const figure = (words) => {
+      const [net, all] = tiles("span");
+      net.setAttribute("role", "group");
+      for (const tile of all) tile.setAttribute("role", "img");
+      const caption = Object.assign(document.createElement("figcaption"), { textContent: words });
+      const figure = document.createElement("figure");
+      figure.append(caption, net);
+      place.append(figure);
+      return { figure, net, tiles: all, caption };
+    };
+    this.now = figure("now");
+    this.read = figure("as read");
     this.note = note;
-    place.append(this.net);
-    this.last = "";
+    this.last = this.lastNow = "";
   }
 
-  /** Shows the colour of each facelet, and the confidence of uncertain ones. */
-  show(net) {
+  /** Shows the colour of each facelet now and as it was read, with the confidence of uncertain ones. */
+  show(net, facelets) {
+    this.showNow(facelets);
     const text = JSON.stringify(net);
     if (text === this.last) return;
     this.last = text;
     let [known, unsure] = [0, 0];
-    this.tiles.forEach((tile, i) => {
+    this.read.tiles.forEach((tile, i) => {
       const read = net.facelets[i];
       tile.style.background = read ? COLOURS[read.colour] : "";
       const dim = read && read.confidence < UNSURE;
@@ -53,7 +62,7 @@ export class NetView {
       // Touch screens and keyboards show no tooltip, so each tile also has a label, and uncertain
       // tiles can be focused.
       tile.setAttribute("aria-label", tile.title);
-      tile.textContent = dim ? (read.confidence * 100).toFixed(0) : "";
+      tile.textContent = dim ? (read.confidence * 100).toFixed(0) : i % 9 === 4 ? LETTERS[(i - 4) / 9] : "";
       if (dim) tile.tabIndex = 0;
       else tile.removeAttribute("tabindex");
       known += read ? 1 : 0;
@@ -61,7 +70,27 @@ export class NetView {
     });
     const doubts = unsure ? `, ${unsure} uncertain (confidence in %)` : "";
     this.note.textContent = !known ? "not read yet" : net.decided ? `all 54 decided${doubts}` : `${known} of 54 read${doubts}`;
-    this.net.setAttribute("aria-label", `Net of the cube: ${this.note.textContent}`);
+    this.read.net.setAttribute("aria-label", `The cube as read: ${this.note.textContent}`);
+  }
+
+  /** Shows the cube as it is now: `facelets` are 54 letters, other signs where it is unknown. */
+  showNow(facelets) {
+    if (facelets === this.lastNow) return;
+    this.lastNow = facelets;
+    const { figure, net, caption } = this.now;
+    let known = 0;
+    this.now.tiles.forEach((tile, i) => {
+      const colour = LETTERS.indexOf(facelets[i] || "-");
+      tile.style.background = COLOURS[colour] ?? "";
+      tile.textContent = i % 9 === 4 ? LETTERS[(i - 4) / 9] : "";
+      tile.title = `${nameOf(i)}: ${COLOUR_NAMES[colour] ?? "unknown"}`;
+      tile.setAttribute("aria-label", tile.title);
+      known += colour < 0 ? 0 : 1;
+    });
+    const solved = known === 54 && [...facelets].every((letter, i) => letter === facelets[i - (i % 9) + 4]);
+    figure.classList.toggle("solved", solved);
+    caption.textContent = solved ? "now: solved" : "now";
+    net.setAttribute("aria-label", `The cube ${caption.textContent}${known === 54 ? "" : `, ${known} of 54 stickers known`}`);
   }
 }
 

@@ -190,11 +190,24 @@ export function setCameras(cameras) {
 /** Number of frames for which the results of vision are kept, for pictures that arrive late. */
 const KNOWN = 8;
 
-/** Fetches and shows the new pictures of all cameras, with the results of vision. */
-export function showCameras(cameras) {
+/** Age from which on a picture is marked as old (s of the run). */
+const OLD = 2;
+
+/** Tells the result for the picture that is shown, and its age, if the picture is old. */
+function tellAge(view, camera, time) {
+  const age = time - camera.time;
+  const old = age > OLD;
+  view.canvas.classList.toggle("old", old);
+  const words = `${old ? `${age.toFixed(0)} s old · ` : ""}${camera.words}`;
+  if (view.words.textContent !== words) view.words.textContent = view.words.title = words;
+}
+
+/** Fetches and shows the new pictures of all cameras, with the results of vision; `time` is now. */
+export function showCameras(cameras, time) {
   cameras.forEach(async (camera, i) => {
     const view = views[i];
     if (!view || !camera.frame) return;
+    if (view.frame === camera.frame) tellAge(view, camera, time);
     view.known.set(camera.frame, camera);
     if (view.known.size > KNOWN) view.known.delete(view.known.keys().next().value);
     // The picture has arrived before the snapshot with the results for it.
@@ -266,8 +279,7 @@ function paint(view, image, camera) {
     at.stroke();
   }
   if (!camera.frame) return;
-  view.words.textContent = `${camera.words} · ${camera.time.toFixed(1)} s`;
-  view.words.title = camera.words;
+  view.words.textContent = view.words.title = camera.words;
   canvas.setAttribute("aria-label", `Camera ${canvas.parentElement.querySelector("b").textContent}: ${camera.words}`);
 }
 

@@ -203,28 +203,34 @@ export class Renderer {
   }
 
   /**
-   * Draws solids { mesh, matrix, scale, colour: [r, g, b] 0..1, alpha, shadow } as seen from `eye`
-   * towards `target`. `floor` and `haze` are colours, `detail` says how finely it draws.
+   * Draws solids { mesh, matrix, scale, colour: [r, g, b] 0..1, alpha, shadow } once for each of the
+   * `views` { eye, target, part }, in this part of the canvas: left, bottom, width and height as
+   * shares. `floor` and `haze` are colours, `detail` says how finely it draws. Returns the matrix
+   * of each view, from the world to the part (-1..1).
    */
-  draw(solids, eye, target, floor, haze, detail) {
-    const { gl, at, canvas } = this;
+  draw(solids, views, floor, haze, detail) {
+    const { gl, canvas } = this;
     const own = window.devicePixelRatio || 1;
     // Without antialiasing, a larger picture that the browser scales down smooths the edges.
     const ratio = detail.fine && this.software ? 2 * own : Math.min(own, detail.ratio);
     const [w, h] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
     if (!w || !h) return;
     if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
-    gl.viewport(0, 0, w, h);
-    gl.clearColor(...haze, 1);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
-    // In a narrow view the vertical angle grows, so that it shows the same width of the cell.
-    const angle = w / h < 1.2 ? 2 * Math.atan(Math.tan(0.36) * 1.2 * (h / w)) : 0.72;
-    const view = multiply(perspective(angle, w / h, 0.05, 40), look(eye, target));
-    gl.uniformMatrix4fv(at.view, false, view);
-    gl.uniform3fv(at.eye, eye);
-    gl.uniform3fv(at.haze, haze);
-    // The solids of each shape are sorted: with a shadow, without a shadow, transparent.
-    const parts = Object.keys(this.meshes).map((name) => {
+    const parts = this.sorted(solids, floor);
+    gl.enable(gl.SCISSOR_TEST);
+    return views.map(({ eye, target, part }) => {
+      const [left, bottom, wide, high] = part.map((share, i) => Math.round(share * (i % 2 ? h : w)));
+      gl.viewport(left, bottom, wide, high);
+      gl.scissor(left, bottom, wide, high);
+      gl.clearColor(...haze, 1);
+      gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
+      return this.view(parts, eye, target, wide / high, haze, detail);
+    });
+  }
+
+  /** Returns the numbers of the solids of each shape: first those with a shadow, transparent last. */
+  sorted(solids, floor) {
+    return Object.keys(this.meshes).map((name) => {
       const own = name === "floor" ? [{ ...FLOOR, colour: floor }] : solids.filter((solid) => solid.mesh === name);
       const rank = (solid) => (solid.alpha ? 2 : solid.shadow ? 0 : 1);
       const data = new Float32Array(own.length * SOLID);
@@ -241,6 +247,17 @@ export class Renderer {
       }
       return { name, data, ends };
     });
+  }
+
+  /** Draws one view, whose width is `aspect` times its height. Returns its matrix. */
+  view(parts, eye, target, aspect, haze, detail) {
+    const { gl, at } = this;
+    // In a narrow view the vertical angle grows, so that it shows the same width of the cell.
+    const angle = aspect < 1.2 ? 2 * Math.atan(Math.tan(0.36) * 1.2 / aspect) : 0.72;
+    const view = multiply(perspective(angle, aspect, 0.05, 40), look(eye, target));
+    gl.uniformMatrix4fv(at.view, false, view);
+    gl.uniform3fv(at.eye, eye);
+    gl.uniform3fv(at.haze, haze);
     const some = (part, from, to) => {
       if (to <= from) return;
       const mesh = this.meshes[part.name];
@@ -275,5 +292,6 @@ export class Renderer {
     gl.uniform1i(at.kind, 0);
     for (const part of [boxes, cylinders]) some(part, part.ends[1], part.ends[2]);
     gl.disable(gl.BLEND);
+    return view;
   }
 }

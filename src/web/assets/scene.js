@@ -22,9 +22,21 @@ const UNKNOWN = [0.42, 0.44, 0.47];
 /** Views to choose from: direction and distance of the camera, and the point at which it looks. */
 const VIEWS = {
   cell: { azimuth: -0.55, height: 0.36, away: 3.35, target: [0.35, 0.85, 0.86] },
-  hands: { azimuth: -0.5, height: 0.3, away: 1.15, target: null },
+  hands: { azimuth: -0.5, height: 0.3, away: 0.5, target: null },
   top: { azimuth: -Math.PI / 2 + 0.001, height: 1.5, away: 4.6, target: [0.3, 0.8, 0.6] },
 };
+
+/** Distance of the camera of the close-up from the cube (m), and its part of the canvas. */
+const CLOSE = 0.17;
+/** Distance of a view from which on it has a close-up (m). */
+const FAR = 1.0;
+/** Height of the close-up as a share of the canvas, and its gap to the edges (px). */
+const INSET = { high: 0.42, gap: 10 };
+/** Time in which the camera moves to a chosen view (ms). */
+const GLIDE = 500;
+
+/** Whether the person wants less motion on the screen. */
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
 /** Returns the pose between `a` (t = 0) and `b` (t = 1). */
 function mixPose(a, b, t) {
@@ -43,6 +55,8 @@ function move(x, y, z) {
   return [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, x, y, z, 1];
 }
 
+const UNTURNED = move(0, 0, 0);
+
 /** Returns the matrix of a rotation by `angle` about the unit vector `axis`. */
 function turn(axis, angle) {
   const [s, h] = [Math.sin(angle / 2), Math.cos(angle / 2)];
@@ -51,8 +65,10 @@ function turn(axis, angle) {
 
 /** The 3-D view and its camera. */
 export class Scene {
-  constructor(canvas) {
+  /** `labels` is the element over the canvas for the names of the arms and the close-up's frame. */
+  constructor(canvas, labels) {
     this.canvas = canvas;
+    this.labels = labels;
     this.view = { ...VIEWS.cell };
     this.goal = null;
     this.frames = [];
@@ -76,6 +92,10 @@ export class Scene {
     const zone = stage.hand_zone?.translation;
     this.zone = zone;
     this.now = this.before = this.seen = undefined;
+    const label = (text) => Object.assign(document.createElement("span"), { className: "label", textContent: text });
+    this.names = stage.arms.map((arm) => label(arm.name));
+    this.frame = Object.assign(document.createElement("span"), { className: "inset", hidden: true });
+    this.labels.replaceChildren(...this.names, this.frame);
   }
 
   /** Shows the whole cell, centred between the bases and tools of all arms. */
@@ -86,6 +106,7 @@ export class Scene {
     VIEWS.cell.away = this.now.arms.length > 1 ? 3.35 : 2.6;
     this.look("cell");
     this.view = { ...this.goal };
+    this.first?.();
   }
 
   /** Shows a snapshot. The drawing moves to it smoothly from the snapshot before. */
@@ -122,6 +143,7 @@ export class Scene {
     view.target ??= this.now?.cube.world_from_cube?.translation ?? this.tools() ?? VIEWS.cell.target;
     this.following = name === "hands";
     this.goal = view;
+    this.from = { ...this.view, since: performance.now() };
   }
 
   /** Returns the mean position of all tools in the world; null without arms. */
@@ -143,7 +165,7 @@ export class Scene {
     };
     const zoom = (factor) => {
       this.goal = null;
-      this.view.away = Math.max(0.35, Math.min(9, this.view.away * factor));
+      this.view.away = Math.max(0.15, Math.min(9, this.view.away * factor));
     };
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
@@ -183,17 +205,65 @@ export class Scene {
     });
   }
 
-  /** Moves the camera one step towards the chosen view, if it is not there yet. */
+  /** Moves the camera towards the chosen view, if it is not there yet, and then after the cube. */
   glide() {
-    if (!this.goal) return;
-    const { view, goal } = this;
-    const ease = (a, b) => a + (b - a) * 0.16;
-    const round = Math.atan2(Math.sin(goal.azimuth - view.azimuth), Math.cos(goal.azimuth - view.azimuth));
-    view.azimuth += round * 0.16;
-    view.height = ease(view.height, goal.height);
-    view.away = ease(view.away, goal.away);
-    view.target = view.target.map((v, i) => ease(v, goal.target[i]));
-    if (Math.abs(round) < 1e-3 && Math.abs(view.away - goal.away) < 1e-3 && !this.following) this.goal = null;
+    const at = this.following ? this.now.cube.world_from_cube?.translation ?? this.tools() : null;
+    const { view, goal, from } = this;
+    if (goal) {
+      if (at) goal.target = at;
+      const t = calm.matches ? 1 : Math.min(1, (performance.now() - from.since) / GLIDE);
+      const ease = t * t * (3 - 2 * t);
+      const mix = (a, b) => a + (b - a) * ease;
+      const round = Math.atan2(Math.sin(goal.azimuth - from.azimuth), Math.cos(goal.azimuth - from.azimuth));
+      view.azimuth = from.azimuth + round * ease;
+      view.height = mix(from.height, goal.height);
+      view.away = mix(from.away, goal.away);
+      view.target = from.target.map((v, i) => mix(v, goal.target[i]));
+      if (t === 1) this.goal = null;
+    } else if (at && Math.hypot(...at.map((v, i) => v - view.target[i])) > 5e-4) {
+      // A cube that trembles by less does not move the camera, so that its picture becomes sharp.
+      view.target = view.target.map((v, i) => v + (at[i] - v) * (calm.matches ? 1 : 0.2));
+    }
+  }
+
+  /** Returns the place of the camera of a view. */
+  eye({ azimuth, height, away, target }) {
+    return [
+      target[0] + away * Math.cos(height) * Math.cos(azimuth),
+      target[1] + away * Math.cos(height) * Math.sin(azimuth),
+      Math.max(0.03, target[2] + away * Math.sin(height)),
+    ];
+  }
+
+  /** Returns the views to draw: the chosen one, and a close-up of the cube if that one is far off. */
+  views(cube) {
+    const views = [{ eye: this.eye(this.view), target: this.view.target, part: [0, 0, 1, 1] }];
+    const [wide, high] = [this.canvas.clientWidth, this.canvas.clientHeight];
+    const close = !!cube && this.view.away > FAR;
+    this.frame.hidden = !close;
+    if (close) {
+      const size = INSET.high * Math.min(high, wide);
+      const target = cube.translation;
+      const height = Math.min(0.8, Math.max(0.25, this.view.height));
+      const part = [(wide - size - INSET.gap) / wide, (high - size - INSET.gap) / high, size / wide, size / high];
+      views.push({ eye: this.eye({ ...this.view, height, away: CLOSE, target }), target, part });
+      this.frame.style.width = this.frame.style.height = `${size}px`;
+      this.frame.style.right = this.frame.style.top = `${INSET.gap}px`;
+    }
+    return views;
+  }
+
+  /** Writes the name of each arm over its shoulder. `view` is the matrix of the view. */
+  name(view, pose) {
+    this.names.forEach((label, i) => {
+      const [x, y, z] = pose((s) => s.arms[i].frames[2]).translation;
+      const at = [x, y, z + 0.2, 1];
+      const seen = [0, 1, 3].map((r) => at.reduce((sum, v, k) => sum + view[k * 4 + r] * v, 0));
+      const [u, v] = [seen[0] / seen[2], seen[1] / seen[2]];
+      label.hidden = !(seen[2] > 0 && Math.abs(u) < 0.98 && Math.abs(v) < 0.96) || this.view.away < FAR;
+      label.style.left = `${(50 * (1 + u)).toFixed(2)}%`;
+      label.style.top = `${(50 * (1 - v)).toFixed(2)}%`;
+    });
   }
 
   /** Draws one frame, unless nothing has changed since the last one. */
@@ -213,11 +283,6 @@ export class Scene {
       const [a, b] = [path(this.before), path(this.now)];
       return a && b ? mixPose(a, b, t) : b;
     };
-    if (this.following) {
-      const at = this.now.cube.world_from_cube?.translation ?? this.tools();
-      if (this.goal && at) this.goal.target = at;
-      else if (at) this.view.target = this.view.target.map((v, i) => v + (at[i] - v) * 0.2);
-    }
     this.glide();
     const solids = [];
     this.arms(solids, pose, t);
@@ -227,14 +292,11 @@ export class Scene {
     const hand = pose((s) => s.hand?.world_from_cube);
     if (hand) this.hand(solids, hand.translation);
     else if (this.zone && !this.now.cube.held_by.length) this.wanted(solids, this.zone);
-    const { azimuth, height, away, target } = this.view;
-    const eye = [
-      target[0] + away * Math.cos(height) * Math.cos(azimuth),
-      target[1] + away * Math.cos(height) * Math.sin(azimuth),
-      Math.max(0.03, target[2] + away * Math.sin(height)),
-    ];
+    const triad = this.triad?.();
+    if (triad) this.axes(solids, matrix(triad));
     const { floor, haze } = this.colours(dark);
-    this.renderer.draw(solids, eye, target, floor, haze, this.detail());
+    const [view] = this.renderer.draw(solids, this.views(cube), floor, haze, this.detail()) ?? [];
+    if (view) this.name(view, pose);
     this.frames.push(begun);
     while (this.frames[0] < begun - 2000) this.frames.shift();
   }
@@ -356,6 +418,14 @@ export class Scene {
     solids.push({
       mesh: "box", scale: [0.26, 0.062, 0.062], colour: [0.3, 0.38, 0.5], shadow: true,
       matrix: move(at[0] + half + 0.16, at[1], at[2] - 0.02),
+    });
+  }
+
+  /** Adds three rods along the axes of a frame: x red, y green, z blue. */
+  axes(solids, frame) {
+    const turns = [turn([0, 1, 0], Math.PI / 2), turn([1, 0, 0], -Math.PI / 2), UNTURNED];
+    [[0.85, 0.15, 0.15], [0.1, 0.6, 0.2], [0.15, 0.35, 0.9]].forEach((colour, i) => {
+      solids.push({ mesh: "cylinder", scale: [0.005, 0.005, 0.14], colour, matrix: multiply(frame, turns[i]) });
     });
   }
 

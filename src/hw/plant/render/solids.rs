@@ -5,7 +5,7 @@
 //!   turned
 
 use super::look::{CubeLook, HandLook, Look, Rgb};
-use crate::cell::{Cell, Gripper};
+use crate::cell::{Cell, Gripper, TABLE_TOP};
 use crate::cube::{Axis, Face, Keeper};
 use crate::hw::scene::{Scene, SceneArm, SceneCube, SceneObject, SceneShape};
 use crate::spatial::Pose;
@@ -49,7 +49,7 @@ impl Default for Setting {
         Self {
             grippers: [gripper; 2],
             table: Point3::new(0.9, 1.05, 0.70),
-            table_size: (0.7, 1.2),
+            table_size: TABLE_TOP,
             tray_size: (0.5, 0.7),
             felt: 0.002,
             room: (Point3::new(-2.6, -2.6, 0.0), Point3::new(3.2, 4.4, 3.2)),
