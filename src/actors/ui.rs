@@ -273,6 +273,9 @@ fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, Cow<'static
         }
         // These are inputs of a replay.
         (Input::Quit | Input::Seek { .. }, _) => Err("a run cannot do this, only a replay".into()),
+        (Input::Again { .. } | Input::GoOn | Input::Replay | Input::Report, _) => {
+            Err("the run is not over".into())
+        }
     }
 }
 

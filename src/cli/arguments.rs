@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 /// A scenario and the overrides of its keys.
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(super) struct ScenarioArgs {
     /// Scenario file (TOML); shipped:solve and shipped:table are built into the program
     pub(super) scenario: PathBuf,

@@ -27,10 +27,10 @@ a message on stderr says so.
 Exit codes: 0 written, 2 wrong usage, the recording cannot be used, or FILE cannot be written.")]
 pub(super) struct ReportArgs {
     /// Recording of `run --record` (MCAP)
-    recording: PathBuf,
+    pub(super) recording: PathBuf,
     /// Write the report to FILE (HTML)
     #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    pub(super) output: PathBuf,
 }
 
 /// Writes the report of the recording; returns the exit code.

@@ -10,7 +10,7 @@ const ROUTER: &str = "tcp/127.0.0.1:7447";
 
 /// Options of the topics of ROS 2.
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(super) struct RosArgs {
     /// Publish topics of ROS 2 over the router of rmw_zenoh at ENDPOINT
     /// [default: tcp/127.0.0.1:7447]

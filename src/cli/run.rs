@@ -4,6 +4,8 @@
 //! - out: the summary, as a table or as one line of JSON; a recording; files for a later resume
 //! - exit code: that of the summary
 
+mod after;
+
 use super::arguments::{ScenarioArgs, check_devices};
 use super::output::{Output, clash, complain, refuse};
 use super::record;
@@ -23,6 +25,7 @@ use crate::scenario::declared::TaskLabel;
 use crate::scenario::keys::{BridgeKind, Pace};
 use crate::scenario::{Override, Scenario};
 use crate::tui;
+use after::AfterRun;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use rustix::process::{Signal, set_parent_process_death_signal};
@@ -31,7 +34,7 @@ use std::path::PathBuf;
 /// Exit code of a run in which an actor blocks all others: that of a system error.
 const STUCK: i32 = 4;
 
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(after_help = "\
 Examples:
   rubik-robot run scenarios/solve.toml
@@ -114,7 +117,7 @@ pub(super) struct RunArgs {
 }
 
 /// Files that outlive the run.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 struct KeepArgs {
     /// Write to FILE the journal with which --resume can continue the run; that of
     /// an interrupted run is not overwritten
@@ -139,36 +142,62 @@ enum PaceWord {
     RealTime,
 }
 
-/// Runs the scenario and prints its summary; returns the exit code.
+/// Runs the scenario and prints its summary. With a page runs it again, or goes on, as often as the
+/// operator wants. Returns the exit code of the last run.
 pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     // A campaign that is killed must not leave its runs behind.
     if args.with_parent {
         set_parent_process_death_signal(Some(Signal::TERM)).context("--with-parent")?;
     }
-    let more = args.overrides();
-    let scenario = args.scenario.load(&more).map_err(refuse)?;
-    args.check(&scenario)?;
-    let keep =
-        saved_files(&args.keep, scenario.bridge.kind, scenario.controller.task).map_err(refuse)?;
-    check_outputs(args, &keep)?;
-    check_journal(&keep, scenario.bridge.kind)?;
-    check_devices(&scenario)?;
+    let (scenario, keep) = args.prepare()?;
 
     let desk = Desk::default();
     let kind = args.ui.kind(args.json);
     // From here on a refusal is printed after the UI is closed, on the terminal as it was before.
-    let ui = args.ui.open(kind, desk.ui_end()).map_err(|error| refuse(format!("{error:#}")))?;
+    let mut ui = args.ui.open(kind, desk.ui_end()).map_err(|error| refuse(format!("{error:#}")))?;
+    let mut ended = one(args, (&scenario, keep.clone()), &mut ui, &desk, output)?;
+    // The page stays for the operator, unless Ctrl-C has ended the run.
+    if args.json || ended.interrupted || !ui.has_page() {
+        return Ok(ended.code);
+    }
+    ui.tell_place();
+    let mut after = AfterRun::new(args, scenario, keep);
+    while let Some((args, scenario, keep)) = after.next(&ui, &desk)? {
+        desk.prepare_next_run();
+        ended = one(&args, (&scenario, keep), &mut ui, &desk, output)?;
+        if ended.interrupted {
+            break;
+        }
+    }
+    Ok(ended.code)
+}
+
+/// End of one run.
+struct Ended {
+    /// Exit code of the summary.
+    code: u8,
+    /// Whether a signal ended the run, which ends the program as well.
+    interrupted: bool,
+}
+
+/// Runs a scenario with these files that outlive the run, and prints its summary.
+fn one(
+    args: &RunArgs,
+    (scenario, keep): (&Scenario, SavedFiles),
+    ui: &mut Ui,
+    desk: &Desk,
+    output: &mut Output,
+) -> anyhow::Result<Ended> {
     let has_ui = !matches!(ui, Ui::None);
     // A replay needs all overrides: those of --set and those of the options.
-    let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(more).collect();
+    let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(args.overrides()).collect();
     let begun = record::Begun { attended: has_ui, resumed: args.keep.resume };
     // Other programs read the feed from the server of the page, or as topics of ROS 2.
     let feed = (ui.has_page() || args.ros.ros.is_some()).then(|| desk.run_end().feed);
     let topics = feed.clone().and_then(|feed| args.ros.publish(feed)).transpose()?;
-    let recorder = args.recorder(&scenario, &overrides, begun, feed)?;
+    let recorder = args.recorder(scenario, &overrides, begun, feed)?;
     // A run of a campaign keeps no last second: if it fails, it can be repeated.
-    let last_second =
-        (!args.with_parent).then(|| record::last_second(&scenario, &overrides, begun));
+    let last_second = (!args.with_parent).then(|| record::last_second(scenario, &overrides, begun));
     let context = RunContext {
         desk: has_ui.then(|| desk.run_end()),
         recorder: recorder.clone(),
@@ -176,32 +205,43 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         saved: keep,
         ..RunContext::default()
     };
-    let done = run::run_with(&scenario, args.options(&ui), context);
+    let done = run::run_with(scenario, args.options(ui), context);
     let written = recorder.finish();
     drop(topics);
 
     // A UI in the terminal ends first, so that the lines below are not part of its screen.
-    let (ui, shown) =
-        if ui.has_terminal() { (Ui::None, ui.linger(&desk.run_end())) } else { (ui, Ok(())) };
+    let shown = if ui.has_terminal() {
+        std::mem::replace(ui, Ui::None).linger(&desk.run_end())
+    } else {
+        Ok(())
+    };
     if let (Some(written), Some(path)) = (written, &args.record) {
         complain(&record::result_message(path, &written));
     }
     // Printing the summary consumes the result, so it is examined before.
-    let leaves = is_interrupted(&done);
-    let code = print_summary(done, &scenario, args, output)?;
+    let interrupted = is_interrupted(&done);
+    let code = print_summary(done, scenario, args, output)?;
     output.flush()?;
     if let Err(error) = shown {
         // A UI that failed changes neither the summary nor the exit code.
         complain(&format!("{error:#}"));
     }
-    // The page stays for the operator to read, unless Ctrl-C has ended the run.
-    if !args.json && !leaves {
-        ui.linger(&desk.run_end())?;
-    }
-    Ok(code)
+    Ok(Ended { code, interrupted })
 }
 
 impl RunArgs {
+    /// Reads the scenario, and checks everything that can be refused before a run begins.
+    fn prepare(&self) -> anyhow::Result<(Scenario, SavedFiles)> {
+        let scenario = self.scenario.load(&self.overrides()).map_err(refuse)?;
+        self.check(&scenario)?;
+        let keep = saved_files(&self.keep, scenario.bridge.kind, scenario.controller.task)
+            .map_err(refuse)?;
+        check_outputs(self, &keep)?;
+        check_journal(&keep, scenario.bridge.kind)?;
+        check_devices(&scenario)?;
+        Ok((scenario, keep))
+    }
+
     /// Returns the overrides of the options that set a key.
     fn overrides(&self) -> Vec<Override> {
         let pace = self.pace.map(|pace| match pace {

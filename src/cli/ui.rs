@@ -12,7 +12,7 @@ use crate::web::Server;
 use crate::web::guard::HostName;
 use anyhow::{Context, anyhow, bail};
 use clap::{Args, ValueEnum};
-use std::io::{ErrorKind, IsTerminal, Write};
+use std::io::{ErrorKind, IsTerminal};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -216,6 +216,28 @@ impl Ui {
         }
     }
 
+    /// Waits after a run for what the operator chooses on the page; without a page the choice is to
+    /// leave.
+    ///
+    /// # Errors
+    /// No handler of signals can be installed.
+    pub(super) fn choice(&self, run_end: &RunEnd) -> anyhow::Result<Input> {
+        match self {
+            Self::Web(_) => wait(run_end),
+            Self::None | Self::Tui(_) => Ok(Input::Quit),
+        }
+    }
+
+    /// Tells where the page stays after a run, if there is one.
+    pub(super) fn tell_place(&self) {
+        if let Self::Web(server) = self {
+            complain(&format!(
+                "the page stays at {} until Ctrl-C, or until its operator ends it",
+                server.url
+            ));
+        }
+    }
+
     /// Keeps the UI open after a run until the operator leaves: by the page's button, by Ctrl-C, or
     /// in the terminal UI by the key `q`.
     ///
@@ -225,16 +247,11 @@ impl Ui {
         match self {
             Self::None => Ok(()),
             Self::Tui(terminal) => terminal.wait(),
-            Self::Web(server) => {
-                let mut err = std::io::stderr().lock();
-                // A closed stderr has no reader, which is no error.
-                let _ = writeln!(
-                    err,
-                    "the page stays at {} until Ctrl-C, or until its operator ends it",
-                    server.url
-                );
-                drop(err);
-                wait(run_end)
+            Self::Web(_) => {
+                self.tell_place();
+                // Only the button that ends the program has a meaning without a run.
+                while wait(run_end)? != Input::Quit {}
+                Ok(())
             }
         }
     }
@@ -303,8 +320,9 @@ impl Drop for Terminal {
     }
 }
 
-/// Waits for a signal that ends the program, or for the page's button that does.
-fn wait(run_end: &RunEnd) -> anyhow::Result<()> {
+/// Waits for an input that has a meaning after a run. A signal that ends the program counts as
+/// [`Input::Quit`].
+fn wait(run_end: &RunEnd) -> anyhow::Result<Input> {
     let signalled = Arc::new(AtomicBool::new(false));
     for signal in SIGNALS {
         signal_hook::flag::register(signal, Arc::clone(&signalled))?;
@@ -312,13 +330,16 @@ fn wait(run_end: &RunEnd) -> anyhow::Result<()> {
     let mut inputs = run_end.take_inputs();
     while !signalled.load(Ordering::Acquire) {
         while let Some(input) = inputs.as_mut().and_then(|inputs| inputs.try_recv().ok()) {
-            if input == Input::Quit {
-                return Ok(());
+            if matches!(
+                input,
+                Input::Quit | Input::Again { .. } | Input::GoOn | Input::Replay | Input::Report
+            ) {
+                return Ok(input);
             }
         }
         std::thread::sleep(Duration::from_millis(50));
     }
-    Ok(())
+    Ok(Input::Quit)
 }
 
 #[cfg(test)]

@@ -54,6 +54,17 @@ pub enum Input {
     },
     /// Leaves the UI of a run that is over, or of a replay.
     Quit,
+    /// Runs the scenario of a run that is over again.
+    Again {
+        /// Seed of the plant.
+        seed: u64,
+    },
+    /// Continues a run that is over from its journal.
+    GoOn,
+    /// Shows the recording of a run that is over.
+    Replay,
+    /// Writes a report of a run that is over.
+    Report,
     /// Jumps to a time of a replay.
     Seek {
         /// Time since the beginning (s).
@@ -76,6 +87,10 @@ impl Input {
             Self::Speed { .. } => "speed",
             Self::Parameter { .. } => "parameter",
             Self::Quit => "quit",
+            Self::Again { .. } => "again",
+            Self::GoOn => "go on",
+            Self::Replay => "replay",
+            Self::Report => "report",
             Self::Seek { .. } => "seek",
         }
     }
@@ -200,6 +215,10 @@ mod tests {
             (r#"{"speed":{"factor":0.5}}"#, "speed 0.5 x"),
             (r#"{"speed":{"factor":0.0}}"#, "speed unlimited"),
             (r#"{"seek":{"time":1.5}}"#, "seek"),
+            (r#"{"again":{"seed":7}}"#, "again"),
+            (r#""go_on""#, "go on"),
+            (r#""replay""#, "replay"),
+            (r#""report""#, "report"),
             (r#"{"parameter":{"parameter":"grip_n","value":45.5}}"#, "parameter grip_n to 45.5"),
             (
                 r#"{"answer":{"question":1,"answer":{"answer":"declined"}}}"#,

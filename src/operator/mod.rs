@@ -25,7 +25,7 @@ pub use parameter::Parameter;
 pub use question::{Answer, Question, Subject};
 pub use remedy::{remedy, run_remedy};
 pub use snapshot::{
-    ActorView, ArmView, CameraView, Class, ControlView, CubeView, HandView, LayerTurn, Mark,
+    ActorView, After, ArmView, CameraView, Class, ControlView, CubeView, HandView, LayerTurn, Mark,
     Message, Net, OutcomeView, ParameterView, PlanLine, Reading, Services, ServoTiming, Snapshot,
     State,
 };

@@ -297,6 +297,20 @@ pub struct Services {
     pub parameters: bool,
     /// Length of the replay, whose times can be jumped to (ms); `None` if this is no replay.
     pub seek_ms: Option<u64>,
+    /// Ways on after a run; `None` while it goes on, and where the program ends with the run.
+    #[serde(default)]
+    pub after: Option<After>,
+}
+
+/// Ways on after a run, beside another run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct After {
+    /// Seed of the run that is over.
+    pub seed: u64,
+    /// Whether the run can be continued from its journal.
+    pub resumes: bool,
+    /// Whether there is a recording, for a replay and a report.
+    pub recorded: bool,
 }
 
 /// Severity of a message. The last three are the classes of errors of Zieliński et al. (2007).

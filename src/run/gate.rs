@@ -115,9 +115,16 @@ impl Inner {
             // The mailbox has room: the gate checked it now, or when the input was recorded.
             Input::Answer { .. } | Input::Manual { .. } => drop(self.to_task.try_send(input)),
             Input::Parameter { parameter, value } => self.tuner.order(parameter, value, period),
-            // No period passes before the start, so a start has no effect here. The other three are
-            // not inputs of the controller.
-            Input::Start | Input::Speed { .. } | Input::Quit | Input::Seek { .. } => {}
+            // No period passes before the start, so a start has no effect here. The others are not
+            // inputs of the controller.
+            Input::Start
+            | Input::Speed { .. }
+            | Input::Quit
+            | Input::Seek { .. }
+            | Input::Again { .. }
+            | Input::GoOn
+            | Input::Replay
+            | Input::Report => {}
         }
     }
 }

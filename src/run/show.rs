@@ -586,7 +586,7 @@ impl<'a> Playhead<'a> {
         self.number += 1;
         snapshot.number = self.number;
         let seek_ms = Some((self.show.end * 1e3).round() as u64);
-        snapshot.services = Services { manual: false, speed: true, parameters: false, seek_ms };
+        snapshot.services = Services { speed: true, seek_ms, ..Services::default() };
         if paused && snapshot.control != ControlView::Ended {
             snapshot.control = ControlView::Paused;
         }

@@ -5,13 +5,15 @@
 import { execFile, spawn } from "node:child_process";
 import { once } from "node:events";
 import { createServer, request } from "node:http";
-import { rmSync } from "node:fs";
+import { existsSync, readFileSync, rmSync } from "node:fs";
 import { cpus, loadavg } from "node:os";
 import { pathToFileURL } from "node:url";
 import { promisify } from "node:util";
 
 const [, , library, executablePath, binary, pictures] = process.argv;
 const { chromium } = await import(pathToFileURL(library));
+/** Checker of accessibility. */
+const axe = readFileSync(new URL("../axe-core/axe.min.js", pathToFileURL(library)), "utf8");
 const LEAST_RATE = Number(process.env.LEAST_RATE ?? 10);
 const SIZES = { desktop: { width: 1280, height: 800 }, phone: { width: 390, height: 844 } };
 /** Longest time of all parts (ms), because a browser or a program may hang. */
@@ -126,6 +128,13 @@ async function sees(page, what, test, argument, timeout = 240000) {
 
 const snapshot = (page) => page.evaluate(() => window.page.snapshot);
 
+/** Checks that the checker of accessibility finds nothing in the present state of the page. */
+async function accessible(page, what) {
+  await page.evaluate(axe);
+  const found = await page.evaluate(async () => (await window.axe.run()).violations.map(({ id, nodes }) => `${id}: ${nodes.map((node) => node.target).slice(0, 3)}`));
+  check(!found.length, `${what}: axe finds nothing ${found.join("; ")}`);
+}
+
 /**
  * Takes screenshots of the page at desktop width and of a second page at phone width, and checks that
  * nothing is cut off or covered.
@@ -148,6 +157,8 @@ async function picture(page, run, name, prepare = async () => {}) {
       .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map((e) => e.textContent));
     check(!cut.length, `${name}: no word of a button is cut off on a ${size} ${cut.join(", ")}`);
   }
+  await accessible(page, `${name}, light, on a desktop`);
+  await accessible(phone, `${name}, dark, on a phone`);
   for (const [size, it] of [["desktop", page], ["phone", phone]]) {
     const hidden = await it.evaluate(() => [...document.querySelectorAll("dialog[open] button")].filter((button) => {
       const { left, top, width, height } = button.getBoundingClientRect();
@@ -448,6 +459,7 @@ async function frozen() {
   await page.evaluate(() => window.page.commands.give("manual", { effector: 0, order: { order: "joint", axis: 1, by: 0.05 } }));
   await pause(2500);
   await page.screenshot({ path: `${pictures}/frozen-desktop.png` });
+  await accessible(page, "frozen");
   const before = (await snapshot(page)).arms[0].joints[1];
   run.process.kill("SIGCONT");
   await page.getByText(/manual: it came \d.\d s late/).first().waitFor();
@@ -496,6 +508,38 @@ async function replayed() {
   await page.click("#quit");
   await page.close();
   rmSync(recording);
+}
+
+async function after() {
+  console.log("# after a run: replay, report, another seed");
+  const run = new Run("scenarios/acquire.toml", "--seed", "3");
+  const page = await open(run);
+  await sees(page, "the run ends as done", "s.control === 'ended' && s.services.after?.recorded");
+  const end = (await snapshot(page)).time;
+  check(!await page.isVisible("#go-on") && !await page.isVisible("#emergency"), "a run that is done is not continued, and has nothing to stop");
+  await picture(page, run, "after");
+  await page.click("#replay");
+  await sees(page, "the replay begins", "s.services.seek_ms !== null && s.time < a", end);
+  check(await page.textContent("#quit") === "Close replay", "the button closes the replay");
+  await page.click("#quit");
+  await sees(page, "the end of the run is shown again", "s.services.after && s.control === 'ended'");
+  await page.click("#report");
+  await page.getByText(/the report is written to .*\.html/).first().waitFor();
+  const report = run.recording.replace(".mcap", ".html");
+  check(existsSync(report), "the report is there");
+  rmSync(report);
+  await page.click("#next-seed");
+  await sees(page, "another run begins", "!s.services.after && s.control === 'running'");
+  await page.waitForFunction(() => document.getElementById("version").textContent.includes("seed 4"));
+  await sees(page, "and ends as done", "s.control === 'ended' && s.services.after?.seed === 4");
+  const first = await page.evaluate(() => window.page.timeline.spans.filter((span) => span.lane === "phase").map((span) => span.words));
+  check(first.filter((words) => words === "acquire").length === 1, `the timeline is that of the second run: ${first}`);
+  await page.click("#quit");
+  await page.close();
+  const second = run.recording.replace(".mcap", "-2.mcap");
+  check(existsSync(second), "the second run has a recording of its own");
+  if (!process.env.KEEP) rmSync(second, { force: true });
+  await run.ends(0, /DONE[\s\S]*DONE/);
 }
 
 async function byHand() {
@@ -690,7 +734,7 @@ async function question() {
   await run.ends(0, /SOLVED/);
 }
 
-const parts = { mission, handOver, fault, frozen, replayed, byHand, remote, unsynchronised, question };
+const parts = { mission, handOver, fault, frozen, replayed, after, byHand, remote, unsynchronised, question };
 const begun = Date.now();
 for (const [name, part] of Object.entries(parts)) {
   if (process.env.ONLY && !process.env.ONLY.split(",").includes(name)) continue;

@@ -34,8 +34,9 @@ if [ -n "$missing" ]; then
 fi
 mkdir -p "$work" "$pictures"
 pictures=$(cd "$pictures" && pwd)
-if [ ! -d "$work/node_modules/playwright-core" ]; then
-    npm install --silent --no-audit --no-fund --prefix "$work" playwright-core@1 >/dev/null 2>&1 || skip "npm cannot fetch playwright-core"
+if [ ! -d "$work/node_modules/playwright-core" ] || [ ! -d "$work/node_modules/axe-core" ]; then
+    npm install --silent --no-audit --no-fund --prefix "$work" playwright-core@1 axe-core@4 >/dev/null 2>&1 ||
+        skip "npm cannot fetch playwright-core and axe-core"
 fi
 if [ -z "${RUBIK_ROBOT:-}" ]; then
     (cd "$root" && cargo build --release --quiet)

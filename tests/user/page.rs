@@ -5,7 +5,9 @@ use crate::program::program;
 use futures_util::{SinkExt, StreamExt};
 use rubik_robot::desk::{Desk, UiEnd};
 use rubik_robot::motion::JointPositions;
-use rubik_robot::operator::{ControlView, Input, OutcomeView, Services, ServoTiming, Snapshot};
+use rubik_robot::operator::{
+    After, ControlView, Input, OutcomeView, Services, ServoTiming, Snapshot,
+};
 use rubik_robot::reach::{MeetingTable, ReachSettings};
 use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
 use rubik_robot::run::{self, RunOptions};
@@ -1118,7 +1120,13 @@ fn page_receives_a_snapshot_unchanged() {
         phases: vec![("acquire".to_owned(), 0.5)],
         step: Some(4),
         servo: Some(ServoTiming { period: 0.002, late: 1e-5, work: 2e-4, missed: 3 }),
-        services: Services { manual: true, speed: true, parameters: true, seek_ms: Some(9) },
+        services: Services {
+            manual: true,
+            speed: true,
+            parameters: true,
+            seek_ms: Some(9),
+            after: Some(After { seed: 3, resumes: true, recorded: true }),
+        },
         outcome: Some(outcome),
         ..Snapshot::default()
     };

@@ -275,6 +275,7 @@ impl Presenter {
                 parameters: !self.stage.parameters.is_empty() && self.outcome.is_none(),
                 speed: self.virtual_pace && self.outcome.is_none(),
                 seek_ms: None,
+                after: None,
             },
             parameters,
             messages: Arc::clone(&self.messages),

@@ -14,6 +14,7 @@ import * as panels from "./panels.js";
 
 const $ = (id) => document.getElementById(id);
 /** Text and CSS class of each state of the run. */
+const REPLAYED = { running: ["replay", "main"], paused: ["replay, paused", "warn"] };
 const STATES = {
   waiting: ["waiting for start", "warn"], running: ["running", "main"], paused: ["paused", "warn"],
   terminated: ["ending", "warn"], ended: ["ended", ""],
@@ -153,7 +154,7 @@ function show() {
   const replay = s.services.seek_ms !== null;
   const still = (performance.now() - advanced.at) / 1000;
   if (!stale) {
-    const [text, kind] = STATES[control];
+    const [text, kind] = (replay && REPLAYED[control]) || STATES[control];
     const failed = control === "ended" && s.outcome && !s.outcome.good;
     const shown = stopped && control !== "ended" ? ["fault", "bad"] : failed ? [s.outcome.verdict, "bad"] : control === "ended" ? [s.outcome?.verdict ?? text, "good"] : [text, kind];
     // A run whose time stands still computes, or hangs.
@@ -180,6 +181,14 @@ function show() {
   document.querySelector(".stop").hidden = replay;
   $("quit").hidden = control !== "ended" && !replay;
   $("quit").disabled = !own;
+  $("quit").textContent = replay ? "Close replay" : "Close program";
+  const after = control === "ended" && !replay ? s.services.after : null;
+  for (const [id, shown] of [["go-on", after?.resumes], ["again", after], ["next-seed", after], ["replay", after?.recorded], ["report", after?.recorded]]) {
+    $(id).hidden = !shown;
+    $(id).disabled = !own;
+  }
+  // After a run there is nothing to stop.
+  if (after) document.querySelector(".stop").hidden = true;
   $("speed-label").hidden = !s.services.speed;
   $("speed").disabled = !own;
   if (document.activeElement !== $("speed")) {
@@ -233,6 +242,10 @@ function notice(text) {
   hush = setTimeout(() => { $("notice").hidden = true; }, 6000);
 }
 
+$("go-on").onclick = () => commands.give("go_on");
+$("again").onclick = () => commands.give("again", { seed: snapshot.services.after.seed });
+$("next-seed").onclick = () => commands.give("again", { seed: snapshot.services.after.seed + 1 });
+for (const name of ["replay", "report"]) $(name).onclick = () => commands.give(name);
 for (const name of ["start", "pause", "resume", "quit"]) $(name).onclick = () => commands.give(name);
 $("terminate").onclick = () => $("sure").showModal();
 $("sure-yes").onclick = () => commands.give("terminate");

@@ -92,7 +92,8 @@ export function showOutcome(outcome) {
   box.hidden = !outcome;
   if (!outcome) return;
   box.className = outcome.good ? "good" : "";
-  const list = el("dl");
+  // Its rows may scroll, which a keyboard does in an element with the focus.
+  const list = el("dl", { tabIndex: 0 });
   for (const [name, value] of outcome.figures) if (value) list.append(el("dt", { textContent: name }), el("dd", { textContent: value }));
   box.replaceChildren(el("strong", { textContent: outcome.verdict }), el("p", { textContent: outcome.reason }), list);
 }
