@@ -68,8 +68,10 @@ impl Given {
     #[must_use]
     pub fn refusal(&self) -> Option<String> {
         let age = self.at.filter(|_| self.input.moves())?.elapsed();
-        let late = (age > OUT_OF_DATE).then(|| age.as_secs_f64());
-        late.map(|late| format!("it came {late:.1} s late, after at most 0.5 s it is dropped"))
+        (age > OUT_OF_DATE).then(|| {
+            let late = age.as_secs_f64();
+            format!("it came {late:.1} s late: an order to move is dropped after 0.5 s")
+        })
     }
 }
 

@@ -25,7 +25,7 @@ use crate::scenario::declared::TaskLabel;
 use crate::scenario::keys::{BridgeKind, Pace};
 use crate::scenario::{Override, Scenario};
 use crate::tui;
-use after::AfterRun;
+use after::{AfterRun, Next, numbered};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use rustix::process::{Signal, set_parent_process_death_signal};
@@ -161,13 +161,27 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         return Ok(ended.code);
     }
     ui.tell_place();
-    let mut after = AfterRun::new(args, scenario, keep);
-    while let Some((args, scenario, keep)) = after.next(&ui, &desk)? {
+    let mut last = AfterRun { scenario, files: keep, record: args.record.clone() };
+    let (mut options, mut runs) = (args.clone(), 1);
+    while let Some(next) = last.next(&ui, &desk)? {
+        // Each run has a recording of its own.
+        let record = args.record.as_ref().map(|path| numbered(path, runs + 1));
+        let wanted = options.next(next, record);
+        let (scenario, keep) = match wanted.prepare() {
+            Ok(prepared) => prepared,
+            Err(why) => {
+                after::refused(&desk, &why);
+                continue;
+            }
+        };
+        runs += 1;
         desk.prepare_next_run();
-        ended = one(&args, (&scenario, keep), &mut ui, &desk, output)?;
+        ended = one(&wanted, (&scenario, keep.clone()), &mut ui, &desk, output)?;
         if ended.interrupted {
             break;
         }
+        last = AfterRun { scenario, files: keep, record: wanted.record.clone() };
+        options = wanted;
     }
     Ok(ended.code)
 }
@@ -240,6 +254,19 @@ impl RunArgs {
         check_journal(&keep, scenario.bridge.kind)?;
         check_devices(&scenario)?;
         Ok((scenario, keep))
+    }
+
+    /// Returns the options of the next run, which is recorded to `record`.
+    fn next(&self, next: Next, record: Option<PathBuf>) -> Self {
+        let mut args = Self { record, ..self.clone() };
+        match next {
+            Next::Again(seed) => {
+                args.seed = Some(seed.to_string());
+                args.keep.resume = false;
+            }
+            Next::GoOn => args.keep.resume = true,
+        }
+        args
     }
 
     /// Returns the overrides of the options that set a key.

@@ -2,8 +2,8 @@
 //! spans of time in which something was so.
 //!
 //! - in: the snapshots, one after the other
-//! - out: [`Point`]s, at most [`POINTS`], whose peaks are those of all snapshots; [`Span`]s, of which
-//!   a user interface asks for those that have changed
+//! - out: [`Point`]s, at most [`POINTS`], with the peaks of all snapshots; [`Span`]s, of which a
+//!   user interface asks for those that have changed
 
 use super::{ArmView, Class, ControlView, Snapshot};
 use crate::motion::AXES;

@@ -152,8 +152,8 @@ async fn listen<E>(
     }
 }
 
-/// Sends answers, the right to command, the clock and snapshots to a page, until the page is gone or
-/// has sent nothing for too long. `heard` has the time of its last message.
+/// Sends answers, the right to command, the clock and snapshots to a page, until it is gone or has
+/// sent nothing for too long. `heard` has the time of its last message.
 async fn tell(
     mut to_page: impl Sink<ws::Message> + Unpin,
     seat: &Seat,
@@ -190,7 +190,7 @@ async fn tell(
                 }
                 seat.look_at_clock();
                 let mut news = sent.news(desk);
-                if ticks % CLOCK == 0 {
+                if u32::is_multiple_of(ticks, CLOCK) {
                     news.push(json!({ "clock": BEGUN.elapsed().as_millis() as u64 }).to_string());
                 }
                 ticks = ticks.wrapping_add(1);
@@ -382,13 +382,14 @@ impl Sent {
         let stage = desk.stage.borrow().clone();
         if self.stage.as_ref().is_none_or(|had| !Arc::ptr_eq(had, &stage)) {
             out.push(json!({ "stage": *stage }).to_string());
-            out.push(desk.history(
-                |history| json!({ "history": { "points": history.points(), "whole": history.is_whole() } }),
-            ).to_string());
+            let history = desk.history(
+                |history| json!({ "points": history.points(), "whole": history.is_whole() }),
+            );
+            out.push(json!({ "history": history }).to_string());
             self.changes = 0;
             self.stage = Some(stage);
         }
-        if self.ticks % TIMELINE == 0 {
+        if self.ticks.is_multiple_of(TIMELINE) {
             out.extend(self.timeline(desk));
         }
         self.ticks = self.ticks.wrapping_add(1);
@@ -577,7 +578,7 @@ mod tests {
     }
 
     #[test]
-    fn late_order_to_move_is_refused_with_its_number() {
+    fn late_order_to_move_is_refused() {
         let (ui, run) = Desk::default().ends();
         let seat = Arc::new(Seats::default()).newcomer(0, None);
         let now = BEGUN.elapsed().as_millis() as u64;

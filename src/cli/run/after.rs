@@ -1,10 +1,9 @@
 //! Ways on after a run with a page: the scenario again, perhaps with another seed; the run from its
 //! journal; its replay, and its report.
 //!
-//! - in: options, scenario and files of the last run; choices of the operator
-//! - out: options and scenario of the next run
+//! - in: scenario and files of the last run; choices of the operator
+//! - out: the next run that the operator wants
 
-use super::RunArgs;
 use crate::cli::output::complain;
 use crate::cli::replay;
 use crate::cli::report;
@@ -18,57 +17,43 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// The runs of one call of the program, of which the last one is over.
+/// A run that is over.
 pub(super) struct AfterRun {
-    /// Options of the last run.
-    args: RunArgs,
-    /// Recording that the command line names, if it names one.
-    record: Option<PathBuf>,
-    /// Scenario of the last run.
-    scenario: Scenario,
-    /// Files that outlive the last run.
-    files: SavedFiles,
-    /// Number of runs until now.
-    runs: u32,
+    /// Scenario of the run.
+    pub(super) scenario: Scenario,
+    /// Files that outlive the run.
+    pub(super) files: SavedFiles,
+    /// Recording of the run.
+    pub(super) record: Option<PathBuf>,
 }
 
-/// Options, scenario and files of a run.
-pub(super) type Next = (RunArgs, Scenario, SavedFiles);
+/// The next run that the operator wants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Next {
+    /// The same scenario with this seed.
+    Again(u64),
+    /// The last run from its journal.
+    GoOn,
+}
 
 impl AfterRun {
-    /// Begins after the first run.
-    pub(super) fn new(args: &RunArgs, scenario: Scenario, files: SavedFiles) -> Self {
-        Self { record: args.record.clone(), args: args.clone(), scenario, files, runs: 1 }
-    }
-
-    /// Waits for the operator's choice. Returns the next run; `None` to leave the program. A choice
-    /// that is not possible is told on the page.
+    /// Waits for the operator's choice. Returns the next run; `None` to leave the program. Replays
+    /// and reports until then. A choice that is not possible is told on the page.
     ///
     /// # Errors
     /// No handler of signals can be installed.
-    pub(super) fn next(&mut self, ui: &Ui, desk: &Desk) -> anyhow::Result<Option<Next>> {
+    pub(super) fn next(&self, ui: &Ui, desk: &Desk) -> anyhow::Result<Option<Next>> {
         loop {
             self.offer(desk);
             let done = match ui.choice(&desk.run_end())? {
-                Input::Again { seed } => match self.again(seed) {
-                    Ok(next) => return Ok(Some(next)),
-                    Err(why) => Err(why),
-                },
-                Input::GoOn => match self.go_on() {
-                    Ok(next) => return Ok(Some(next)),
-                    Err(why) => Err(why),
-                },
-                Input::Replay => self.replay(desk).map(|()| None),
-                Input::Report => self.report().map(Some),
+                Input::Again { seed } => return Ok(Some(Next::Again(seed))),
+                Input::GoOn => return Ok(Some(Next::GoOn)),
+                Input::Replay => self.replay(desk),
+                Input::Report => self.report(desk),
                 _ => return Ok(None),
             };
-            match done {
-                Ok(Some(told)) => tell(desk, Class::Info, &told),
-                Ok(None) => {}
-                Err(why) => {
-                    complain(&format!("{why:#}"));
-                    tell(desk, Class::NonFatal, &format!("{why:#}"));
-                }
+            if let Err(why) = done {
+                refused(desk, &why);
             }
         }
     }
@@ -88,38 +73,14 @@ impl AfterRun {
         snapshot.services.after = Some(After {
             seed: self.scenario.seed,
             resumes: self.journal().is_some(),
-            recorded: self.args.record.as_ref().is_some_and(|path| path.is_file()),
+            recorded: self.record.as_ref().is_some_and(|path| path.is_file()),
         });
         run_end.publish(snapshot);
     }
 
-    /// Returns the run of the same scenario with this seed.
-    fn again(&mut self, seed: u64) -> anyhow::Result<Next> {
-        let mut args = self.args.clone();
-        args.seed = Some(seed.to_string());
-        args.keep.resume = false;
-        self.next_with(args)
-    }
-
-    /// Returns the run that continues the last one from its journal.
-    fn go_on(&mut self) -> anyhow::Result<Next> {
-        let mut args = self.args.clone();
-        args.keep.resume = true;
-        self.next_with(args)
-    }
-
-    /// Returns the next run with these options, whose recording has a file of its own.
-    fn next_with(&mut self, mut args: RunArgs) -> anyhow::Result<Next> {
-        args.record = self.record.as_ref().map(|path| numbered(path, self.runs + 1));
-        let (scenario, files) = args.prepare()?;
-        self.runs += 1;
-        (self.args, self.scenario, self.files) = (args.clone(), scenario.clone(), files.clone());
-        Ok((args, scenario, files))
-    }
-
     /// Returns the recording of the last run.
     fn recording(&self) -> anyhow::Result<&Path> {
-        let path = self.args.record.as_deref().filter(|path| path.is_file());
+        let path = self.record.as_deref().filter(|path| path.is_file());
         path.ok_or_else(|| anyhow::anyhow!("the run has no recording: give --record FILE"))
     }
 
@@ -147,14 +108,21 @@ impl AfterRun {
         Ok(())
     }
 
-    /// Writes the report of the last run beside its recording. Returns what to tell the operator.
-    fn report(&self) -> anyhow::Result<String> {
+    /// Writes the report of the last run beside its recording.
+    fn report(&self, desk: &Desk) -> anyhow::Result<()> {
         let recording = self.recording()?.to_owned();
         let output = recording.with_extension("html");
         let told = format!("the report is written to {}", output.display());
         report::run(&report::ReportArgs { recording, output })?;
-        Ok(told)
+        tell(desk, Class::Info, &told);
+        Ok(())
     }
+}
+
+/// Tells in the terminal and on the page why a choice was not possible.
+pub(super) fn refused(desk: &Desk, why: &anyhow::Error) {
+    complain(&format!("{why:#}"));
+    tell(desk, Class::NonFatal, &format!("{why:#}"));
 }
 
 /// Shows a message on the page after a run.
@@ -175,7 +143,7 @@ fn tell(desk: &Desk, class: Class, text: &str) {
 }
 
 /// Returns the path of a file for the run with this number: `run.mcap` becomes `run-2.mcap`.
-fn numbered(path: &Path, run: u32) -> PathBuf {
+pub(super) fn numbered(path: &Path, run: u32) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_owned();
     name.push(format!("-{run}"));
     if let Some(extension) = path.extension() {
