@@ -5,7 +5,7 @@
 import { execFile, spawn } from "node:child_process";
 import { once } from "node:events";
 import { createServer, request } from "node:http";
-import { existsSync, readFileSync, rmSync } from "node:fs";
+import { existsSync, readFileSync, readdirSync, rmSync, statSync } from "node:fs";
 import { cpus, loadavg } from "node:os";
 import { pathToFileURL } from "node:url";
 import { promisify } from "node:util";
@@ -734,10 +734,108 @@ async function question() {
   await run.ends(0, /SOLVED/);
 }
 
-const parts = { mission, handOver, fault, frozen, replayed, after, byHand, remote, unsynchronised, question };
+/** Returns the value below which this share of the sorted `values` lies. */
+const share = (values, part) => [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(values.length * part))];
+
+/** Measures the page: prints lines of a Markdown table. Runs only by name: ONLY=figures. */
+async function figures() {
+  const row = (what, value) => console.log(`| ${what} | ${value} |`);
+  console.log("| figure of the page | value |\n|---|---|");
+  const run = new Run("scenarios/idle.toml", "--speed", "1");
+  const page = await open(run);
+  await sees(page, "ready", "s.services.manual && s.time > 1");
+  const [noticed, took] = [[], []];
+  for (let i = 0; i < 20; i++) {
+    run.process.kill("SIGSTOP");
+    noticed.push(await until(page, () => document.body.classList.contains("stale")));
+    run.process.kill("SIGCONT");
+    await page.waitForFunction(() => !document.body.classList.contains("stale"));
+    await pause(300);
+  }
+  row("from a frozen program to the notice, greatest of 20", `${Math.max(...noticed)} ms`);
+  const press = async (id) => {
+    const ms = await page.evaluate((button) => new Promise((done) => {
+      const { commands } = window.page;
+      const look = () => (commands.took?.name === button ? done(commands.took.ms) : setTimeout(look, 5));
+      const start = () => {
+        // At a high load data may come late, and the button is off until they come.
+        if (document.getElementById(button).disabled) return setTimeout(start, 20);
+        commands.took = null;
+        document.getElementById(button).click();
+        look();
+      };
+      start();
+    }), id);
+    await page.waitForFunction((other) => !document.getElementById(other).disabled, id === "pause" ? "resume" : "pause");
+    return ms;
+  };
+  const presses = async () => {
+    took.length = 0;
+    for (let i = 0; i < 50; i++) took.push(await press("pause"), await press("resume"));
+    return `${share(took, 0.5)} ms, ${share(took, 0.99)} ms`;
+  };
+  row("from a press to its confirmation, median and 99th percentile of 100", await presses());
+  const busy = cpus().map(() => spawn("sh", ["-c", "while :; do :; done"], { stdio: "ignore" }));
+  for (const it of busy) alive.add(it);
+  row("the same with all cores busy", await presses());
+  for (const it of busy) it.kill("SIGKILL");
+  await page.evaluate(() => window.page.commands.give("emergency_stop"));
+  await page.waitForFunction(() => window.page.commands.took?.name === "emergency_stop");
+  row("emergency stop, one press", `${await page.evaluate(() => window.page.commands.took.ms)} ms`);
+  await page.close();
+  run.process.kill("SIGKILL");
+
+  const mission = new Run("scenarios/solve.toml", "--speed", "4");
+  const seen = await open(mission);
+  const session = await seen.context().newCDPSession(seen);
+  let bytes = 0;
+  await session.send("Network.enable");
+  session.on("Network.webSocketFrameReceived", ({ response }) => { bytes += response.payloadData.length; });
+  await session.send("Performance.enable");
+  const worked = async () => (await session.send("Performance.getMetrics")).metrics.find(({ name }) => name === "TaskDuration").value;
+  await sees(seen, "a turn", "s.step > 2");
+  await seen.reload();
+  await seen.waitForFunction(() => window.page?.snapshot);
+  await pause(3000);
+  bytes = 0;
+  const before = await worked();
+  await pause(10000);
+  row("socket of a page at 20 snapshots/s", `${(bytes / 10240).toFixed(0)} kB/s`);
+  row("main thread of a page in a run, drawn in software", `${((await worked() - before) * 10).toFixed(0)} % of a core`);
+  row("3-D view, drawn in software", `${(await seen.evaluate(() => window.page.scene.rate())).toFixed(0)} frames/s`);
+  const sizes = async () => seen.evaluate(() => {
+    const { scene } = window.page;
+    const cube = scene.now.cube.world_from_cube;
+    return scene.views(cube).map(({ eye, target, part }) => {
+      const high = part[3] * scene.canvas.clientHeight;
+      const angle = part[2] * scene.canvas.clientWidth / high < 1.2 ? 2 * Math.atan(Math.tan(0.36) * 1.2 * high / (part[2] * scene.canvas.clientWidth)) : 0.72;
+      const far = Math.hypot(...eye.map((v, i) => v - cube.translation[i]));
+      return Math.round(scene.stage.edge / (2 * far * Math.tan(angle / 2)) * high);
+    });
+  });
+  row("edge of the cube in the cell's view and in its close-up, 1280 x 800", `${(await sizes()).join(" px, ")} px`);
+  await seen.click("[data-view=hands]");
+  await pause(1500);
+  row("edge of the cube in the view of the hands", `${(await sizes())[0]} px`);
+  await seen.close();
+  mission.process.kill("SIGKILL");
+
+  const recording = `${pictures}/figures.mcap`;
+  await command(binary, ["run", "scenarios/solve.toml", "--ui", "none", "--record", recording]);
+  const since = Date.now();
+  await command(binary, ["report", recording, "-o", `${recording}.html`]);
+  row("report of a mission", `${((Date.now() - since) / 1000).toFixed(1)} s, ${(statSync(`${recording}.html`).size / 1e6).toFixed(1)} MB of ${(statSync(recording).size / 1e6).toFixed(0)} MB of recording`);
+  for (const file of [recording, `${recording}.html`]) rmSync(file);
+  const files = readdirSync("src/web/assets");
+  const text = files.map((file) => readFileSync(`src/web/assets/${file}`, "utf8"));
+  const own = text.filter((_, i) => files[i].endsWith(".js")).map((all) => all.split("\n").length);
+  row("own JavaScript; all files of the page", `${own.reduce((a, b) => a + b)} lines; ${(text.reduce((sum, all) => sum + all.length, 0) / 1024).toFixed(0)} kB`);
+}
+
+const parts = { mission, handOver, fault, frozen, replayed, after, byHand, remote, unsynchronised, question, figures };
 const begun = Date.now();
 for (const [name, part] of Object.entries(parts)) {
-  if (process.env.ONLY && !process.env.ONLY.split(",").includes(name)) continue;
+  if (process.env.ONLY ? !process.env.ONLY.split(",").includes(name) : name === "figures") continue;
   const since = Date.now();
   try {
     await part();
