@@ -222,10 +222,10 @@ impl Composition<'_> {
         let truth = beginning.truth(end, jams.count(), performed.kernel.account().documents);
         let hash = self.operator.trace.hash();
         let (hash, servo_hash) = (hash.hash(), hash.servo_hash());
-        let uncalibrated = self.uncalibrated;
+        let (uncalibrated, links) = (self.uncalibrated, staff.nodes.links());
         let judgement = truth.as_ref().map(|truth| judged(&judge, scenario, truth));
         let judgement = judgement.transpose()?.flatten();
-        Ok(Done { judgement, performed, truth, by_hand, hash, servo_hash, uncalibrated })
+        Ok(Done { judgement, performed, truth, by_hand, hash, servo_hash, uncalibrated, links })
     }
 
     /// Waits until all other nodes on the wall clock have joined the run.

@@ -31,7 +31,7 @@ use crate::emergency_stop::EmergencyStop;
 use crate::error::{Error, System};
 use crate::hw::driver::{Switches, Timing};
 use crate::motion::ArmState;
-use crate::net::{self, End};
+use crate::net::{self, End, Traffic};
 use crate::operator::parameter::Courses;
 use crate::reach::guard::Guard;
 use crate::record::recorder::Recorder;
@@ -73,6 +73,8 @@ pub(crate) struct NodeEnd {
     pub(crate) seconds: f64,
     /// Punctuality of the servo, in lines for the operator.
     pub(crate) timing: String,
+    /// Bytes sent to MP's node and received from it.
+    pub(crate) traffic: Traffic,
 }
 
 /// Waits for MP's node and serves it for one run. `announce` is called with each line for the
@@ -178,8 +180,8 @@ impl Parts<'_> {
             Left::Alone(why) => Some(alone(why)),
             Left::Failed(error) => Some(error),
         };
-        let servo_hash = trace.hash().servo_hash();
-        Ok(NodeEnd { error: stopped.fault.or(error), servo_hash, seconds, timing })
+        let (servo_hash, traffic) = (trace.hash().servo_hash(), self.sender.traffic());
+        Ok(NodeEnd { error: stopped.fault.or(error), servo_hash, seconds, timing, traffic })
     }
 
     /// Waits for a request to join that this node accepts.

@@ -19,6 +19,8 @@ use crate::actors::watchdog::{silent_node, within};
 use crate::actors::way::{BEAT, Carries, Toward, Way};
 use crate::error::Error;
 use crate::motion::{ArmState, PERIOD};
+use crate::net::Traffic;
+use crate::record::summary::LinkUse;
 use crate::scenario::ControllerConfig;
 use crate::scenario::node_keys::NodeConfig;
 use std::sync::Arc;
@@ -74,7 +76,8 @@ impl Nodes {
         servos: &Servos,
         services: &Services,
     ) -> Result<(), Error> {
-        for peer in std::mem::take(&mut self.peers.waiting) {
+        for peer in &mut self.peers.all {
+            let Some(receiver) = peer.receiver.take() else { continue };
             let others = edps.iter().enumerate().filter(|(i, _)| !peer.node.edps.contains(i));
             let watch = Watch {
                 services: services.clone(),
@@ -83,7 +86,7 @@ impl Nodes {
                 states: others.map(|(i, edp)| (i, edp.watch())).collect(),
                 stopped: Arc::clone(&self.peers.stopped),
             };
-            peer.home.start(peer.receiver, watch).await?;
+            peer.home.start(receiver, watch).await?;
         }
         Ok(())
     }
@@ -95,6 +98,20 @@ impl Nodes {
         for peer in &self.peers.all {
             peer.home.gone(limit).await;
         }
+    }
+
+    /// Returns the use of the links to the nodes on the wall clock.
+    pub(super) fn links(&self) -> Vec<LinkUse> {
+        let used = self.peers.all.iter().map(|peer| {
+            let Traffic { sent, received } = peer.home.traffic();
+            LinkUse {
+                node: peer.node.name.clone(),
+                time_s: peer.asked.elapsed().as_secs_f64(),
+                sent_bytes: sent,
+                received_bytes: received,
+            }
+        });
+        used.collect()
     }
 
     /// Returns the link to the node on the wall clock that has the ECP and the EDP of an effector;

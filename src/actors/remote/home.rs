@@ -23,6 +23,7 @@ use crate::error::{Error, System};
 use crate::generators::{Outcome, Target};
 use crate::hw::driver::Switches;
 use crate::motion::ArmState;
+use crate::net::Traffic;
 use crate::vision::sensor::FaceReading;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -238,6 +239,11 @@ impl Home {
     pub(crate) async fn gone(&self, limit: Instant) {
         let mut ended = self.ended.subscribe();
         let _ = tokio::time::timeout_at(limit, ended.wait_for(|ended| *ended)).await;
+    }
+
+    /// Returns the traffic of this end of the link.
+    pub(crate) fn traffic(&self) -> Traffic {
+        self.sender.traffic()
     }
 
     /// Sends no beat any more, as a node that is dead.

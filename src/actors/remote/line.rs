@@ -7,7 +7,7 @@
 //! have no number: newer ones follow. Messages of another run, whose processes may still be there,
 //! are dropped.
 
-use crate::net::{Lane, Link, Parcels};
+use crate::net::{Lane, Link, Parcels, Traffic};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::marker::PhantomData;
@@ -49,6 +49,11 @@ impl<T: Carried> Sender<T> {
     /// Returns the sending end over the same link for another run.
     pub(crate) fn of_run(&self, run: u64) -> Self {
         Self::new(Arc::clone(&self.link), run)
+    }
+
+    /// Returns the traffic of this end of the link.
+    pub(crate) fn traffic(&self) -> Traffic {
+        self.link.traffic()
     }
 
     /// Sends a message. It does not wait for the other node.

@@ -296,6 +296,10 @@ async fn stop_pressed_at_node_stops_home() {
 struct Slow(Arc<dyn Link>, watch::Receiver<Duration>);
 
 impl Link for Slow {
+    fn traffic(&self) -> crate::net::Traffic {
+        self.0.traffic()
+    }
+
     fn send(&self, lane: crate::net::Lane, parcel: Vec<u8>) {
         let (link, way) = (Arc::clone(&self.0), *self.1.borrow());
         tokio::spawn(async move {
