@@ -35,11 +35,13 @@ pub enum Kind {
     Sensed,
     /// Input of the operator.
     Operator,
+    /// Difference between the periods of a node and those of MP's node.
+    Offset,
 }
 
 impl Kind {
     /// All types.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Text,
         Self::JointState,
         Self::Transforms,
@@ -54,6 +56,7 @@ impl Kind {
         Self::Plan,
         Self::Sensed,
         Self::Operator,
+        Self::Offset,
     ];
 
     /// Returns the ROS name of the message type: `package/msg/Type`.
@@ -74,6 +77,7 @@ impl Kind {
             Self::Plan => "rubik_robot_msgs/msg/Plan",
             Self::Sensed => "rubik_robot_msgs/msg/Sensed",
             Self::Operator => "rubik_robot_msgs/msg/Operator",
+            Self::Offset => "rubik_robot_msgs/msg/Offset",
         }
     }
 
@@ -134,6 +138,12 @@ impl Kind {
             Self::Operator => (
                 "# Input of the operator, as JSON, and the period of 2 ms in which the controller \
                  received it.\nbuiltin_interfaces/Time stamp\nuint64 period\nstring command\n",
+                &[TIME],
+            ),
+            Self::Offset => (
+                "# From this period of 2 ms of the node on, a period of MP's node is one of this \
+                 node plus the offset.\nbuiltin_interfaces/Time stamp\nuint64 period\nint64 \
+                 offset\n",
                 &[TIME],
             ),
         };

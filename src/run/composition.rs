@@ -181,6 +181,9 @@ impl Composition<'_> {
         self.operator.started(self.options.wait).await?;
         // Before the servos: without all nodes no drive is switched on.
         let peers = self.peers().await?;
+        if let Some(introduction) = &peers.introduction {
+            self.operator.trace.recorder().record(0, || recording::node("", introduction));
+        }
         let judge = entry_of(self.scenario)?.judge().map(|judge| Arc::new(Mutex::new(judge)));
         let (mut servos, jams) = self.start_servos(world, judge.clone())?;
         let services = self.services(servos.clock.clone());
@@ -350,7 +353,7 @@ impl Composition<'_> {
         let mut nodes = Nodes::start(config, self.scenario.seed, &self.faults, services, peers);
         let beside = (&self.faults, &nodes);
         let drivers = start_drivers(config, servos, services, beside, by_hand);
-        nodes.begin(drivers.edps(), servos, services).await?;
+        nodes.begin(config, drivers.edps(), servos, services).await?;
         home(&drivers, &config.cell, services, resumes).await?;
         start_actors(config, drivers, sources, services, (&self.faults, nodes)).await
     }

@@ -23,6 +23,7 @@ use crate::net::Traffic;
 use crate::record::summary::LinkUse;
 use crate::scenario::ControllerConfig;
 use crate::scenario::node_keys::NodeConfig;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
@@ -72,6 +73,7 @@ impl Nodes {
     /// If the beats of a node do not come back.
     pub(super) async fn begin(
         &mut self,
+        config: &ControllerConfig,
         edps: &[EdpHandle],
         servos: &Servos,
         services: &Services,
@@ -85,6 +87,7 @@ impl Nodes {
                 stop_button: servos.stop_button.clone(),
                 states: others.map(|(i, edp)| (i, edp.watch())).collect(),
                 stopped: Arc::clone(&self.peers.stopped),
+                cameras: cameras(config, &peer.node),
             };
             peer.home.start(receiver, watch).await?;
         }
@@ -196,6 +199,16 @@ impl Nodes {
     fn way_to(&self, has: impl Fn(&NodeConfig) -> bool) -> Option<&Way> {
         self.modelled.iter().find(|(node, _)| has(node)).map(|(_, way)| way)
     }
+}
+
+/// Returns the cameras of a node: index, and size of the pictures (px).
+fn cameras(config: &ControllerConfig, node: &NodeConfig) -> BTreeMap<usize, (u32, u32)> {
+    let cameras = node.vsps.iter().filter_map(|&vsp| config.vsps[vsp].camera);
+    let size = |camera: usize| {
+        let optics = &config.cell.cameras[camera].intrinsics;
+        (camera, (optics.width, optics.height))
+    };
+    cameras.map(size).collect()
 }
 
 /// Lets a node send beats, and raises an error once they do not arrive.

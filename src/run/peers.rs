@@ -26,6 +26,8 @@ pub(super) struct Peers {
     pub(super) all: Vec<Peer>,
     /// Longest time of a value on its way.
     pub(super) way: Duration,
+    /// Facts by which MP's node has introduced itself; `None` without other nodes.
+    pub(super) introduction: Option<Introduction>,
     /// Nodes with a stopped arm.
     pub(super) stopped: Stopped,
     /// Session that carries the links; `None` without other nodes.
@@ -110,7 +112,7 @@ impl Peers {
             peer.home.keep_alive();
             peer.receiver = Some(receiver);
         }
-        peers.session = Some(session);
+        (peers.session, peers.introduction) = (Some(session), Some(introduction));
         Ok(peers)
     }
 }

@@ -24,9 +24,10 @@ use crate::error::{Error, System};
 use crate::hw::driver::Switches;
 use crate::motion::ArmState;
 use crate::operator::parameter::Courses;
+use crate::record::recorder::{Entry, Recorder};
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::Instant;
@@ -56,6 +57,10 @@ pub(crate) struct Host {
     pub(crate) courses: watch::Sender<Courses>,
     /// Difference of the periods.
     pub(crate) offset: Offset,
+    /// Recorder of the node.
+    pub(crate) recorder: Recorder,
+    /// Whether someone watches or records the run at MP's node.
+    pub(crate) watched: Arc<AtomicBool>,
     /// Clock of the node.
     pub(crate) clock: Clock,
     /// Switches of the node's servos.
@@ -176,6 +181,7 @@ impl Host {
             self.stop_button.press();
         }
         self.switches.stands_by.store(beat.stands_by, Ordering::Release);
+        self.watched.store(beat.watched, Ordering::Relaxed);
         let trip = beat.echo.map(|echo| course.beats.trip(echo));
         if trip.is_some_and(|trip| trip > SILENT + 2 * self.way) {
             return;
@@ -183,8 +189,14 @@ impl Host {
         course.timely = Instant::now();
         self.switches.beats.fetch_add(1, Ordering::Relaxed);
         if let (Some(trip), Some(period)) = (trip, beat.period) {
-            course.estimator.beat(trip.as_secs_f64(), period, self.clock.period());
-            course.mapped.send_if_modified(|mapped| !std::mem::replace(mapped, true));
+            let (here, before) = (self.clock.period(), self.offset.periods());
+            course.estimator.beat(trip.as_secs_f64(), period, here);
+            let newly = course.mapped.send_if_modified(|mapped| !std::mem::replace(mapped, true));
+            let offset = self.offset.periods();
+            // A merged recording counts in the periods of MP's node.
+            if newly || offset != before {
+                self.recorder.record(here, || Entry::Offset(offset));
+            }
         }
     }
 

@@ -3,6 +3,7 @@
 //! Actors are named by their indices in the scenario, which both nodes have read.
 
 use super::line::Carried;
+use super::pictures::Shown;
 use crate::actors::control::Control;
 use crate::actors::ecp::Report;
 use crate::actors::move_instruction::Ending;
@@ -11,6 +12,7 @@ use crate::generators::{Behaviour, Outcome, Sensing, Target};
 use crate::kernel::{Adjustment, Programme, Signal, View};
 use crate::motion::ArmState;
 use crate::net::Lane;
+use crate::operator::Class;
 use crate::operator::parameter::Courses;
 use crate::vision::sensor::FaceReading;
 use serde::{Deserialize, Serialize};
@@ -119,6 +121,8 @@ pub(crate) struct HomeBeat {
     pub(crate) pressed: bool,
     /// Whether the arms of the node are to stand by.
     pub(crate) stands_by: bool,
+    /// Whether someone watches the run, or records it: pictures are wanted.
+    pub(crate) watched: bool,
 }
 
 /// Message to MP's node.
@@ -157,6 +161,17 @@ pub(crate) enum ToHome {
     State(usize, ArmState),
     /// Pose of the cube by the VSP with an index.
     Target(usize, Option<Target>),
+    /// Message of an actor to the operator.
+    Notice {
+        /// Class.
+        class: Class,
+        /// Name of the actor.
+        who: String,
+        /// Text.
+        text: String,
+    },
+    /// Picture of a camera.
+    Picture(Shown),
 }
 
 /// Answer of an actor.
@@ -205,9 +220,12 @@ impl Carried for ToNode {
 impl Carried for ToHome {
     fn lane(&self) -> Lane {
         match self {
-            Self::Answer { .. } | Self::Report(..) | Self::Failed(_) | Self::Ended => {
-                Lane::Messages
-            }
+            Self::Answer { .. }
+            | Self::Report(..)
+            | Self::Failed(_)
+            | Self::Ended
+            | Self::Notice { .. } => Lane::Messages,
+            Self::Picture(_) => Lane::Pictures,
             Self::Joined { .. }
             | Self::Refused { .. }
             | Self::Beat(_)

@@ -6,6 +6,7 @@ use crate::actors::control::Control;
 use crate::actors::ecp::{self, EcpHandle};
 use crate::actors::edp::{self, EdpHandle};
 use crate::actors::manner::manner;
+use crate::actors::notice::Notice;
 use crate::actors::services::Services;
 use crate::actors::trace::Trace;
 use crate::actors::watchdog::{Watchdog, raised};
@@ -17,11 +18,12 @@ use crate::hw::driver::{self, Switches};
 use crate::motion::{ArmState, MoveRefused, Synchronisation};
 use crate::net::{Link, Parcels, pair};
 use crate::operator::parameter::{AllBounds, Courses};
+use crate::record::recorder::Recorder;
 use crate::record::run_hash::RunHash;
 use crate::servo::ServoCommand;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 
 /// Effector of the node.
@@ -50,12 +52,19 @@ struct Rig {
     home: Home,
     /// Period in which the servo took the last command, by the clock of the node.
     taken: watch::Receiver<u64>,
+    /// Sending end of the node, and the notices of MP's node.
+    there_sender: Sender<ToHome>,
+    notices: mpsc::Receiver<Notice>,
 }
 
-/// Makes services with a clock that begins now.
-fn services(switches: &Arc<Switches>, control: watch::Receiver<Control>) -> Services {
+/// Makes services with a clock that begins now, and the receiver of their notices.
+fn services(
+    switches: &Arc<Switches>,
+    control: watch::Receiver<Control>,
+) -> (Services, mpsc::Receiver<Notice>) {
     let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(switches));
-    Services::bare(clock, control, Trace::bare(RunHash::default()).0)
+    let (trace, notices) = Trace::bare(RunHash::default());
+    (Services::bare(clock, control, trace), notices)
 }
 
 /// Starts the servo of the node's arm, which publishes a state in each period.
@@ -94,7 +103,7 @@ fn host(
     let switches = Arc::new(Switches::new(stop.signal()));
     let (told, control) = watch::channel(Control::Waiting);
     let (ordered, _) = watch::channel(Courses::new(&AllBounds::default()));
-    let services = services(&switches, control.clone());
+    let (services, _) = services(&switches, control.clone());
     let (link_to_servo, taken) = servo(&services.clock);
     let config = super::example_config();
     let edp = edp::spawn("postument", link_to_servo, &services);
@@ -121,6 +130,8 @@ fn host(
         control: told,
         courses: ordered,
         offset: Offset::default(),
+        recorder: Recorder::default(),
+        watched: Arc::default(),
         clock: services.clock.clone(),
         switches: Arc::clone(&switches),
         stop_button: stop.button(),
@@ -141,8 +152,9 @@ async fn rig_over([near, far]: [(Arc<dyn Link>, Parcels); 2]) -> Rig {
     let (control, orders) = watch::channel(Control::Running);
     let stop = EmergencyStop::default();
     let switches = Arc::new(Switches::new(stop.signal()));
-    let services = services(&switches, orders);
+    let (services, notices) = services(&switches, orders);
     tokio::time::sleep(Duration::from_secs(1)).await;
+    let there_sender = Sender::new(Arc::clone(&far.0), RUN);
     let (node, there, there_stop, there_watchdog, there_control, taken) = host(far);
     let home = Home::new("b", Sender::new(near.0, RUN), 2 * WAY, WAY);
     let mut receiver = Receiver::new(near.1).of_run(RUN);
@@ -162,6 +174,7 @@ async fn rig_over([near, far]: [(Arc<dyn Link>, Parcels); 2]) -> Rig {
         stop_button: stop.button(),
         states: vec![],
         stopped: Arc::default(),
+        cameras: [].into(),
     };
     home.start(receiver, watch).await.unwrap();
     tokio::time::sleep(Duration::from_millis(200)).await;
@@ -180,6 +193,8 @@ async fn rig_over([near, far]: [(Arc<dyn Link>, Parcels); 2]) -> Rig {
         there_control,
         home,
         taken,
+        there_sender,
+        notices,
     }
 }
 
@@ -279,6 +294,31 @@ async fn stopped_arm_of_node_holds_the_others() {
         tokio::time::sleep(2 * BEAT).await;
         assert_eq!(switches.stands_by.load(Ordering::Acquire), stopped);
     }
+}
+
+/// The operator at MP's node is told what an actor of the node reports, and of a wrong picture.
+#[tokio::test(start_paused = true)]
+async fn notices_of_node_reach_the_operator() {
+    let Rig { mut notices, there_sender, clock, watchdog, home, .. } = rig().await;
+    let carried = home.traffic().received;
+    // Numbers of the node's own messages would follow: this is the first one.
+    let (class, who) = (crate::operator::Class::Warning, "vsp gs1".to_owned());
+    there_sender.send(&ToHome::Notice { class, who, text: "dark".into() });
+    let file = super::pictures::JpegFile(vec![1, 2, 3]);
+    let found = crate::actors::latest::Found::Nothing(String::new());
+    let shown = super::pictures::Shown { camera: 4, period: 1, found, file };
+    there_sender.send(&ToHome::Picture(shown));
+
+    let told = [notices.recv().await, notices.recv().await].map(Option::unwrap);
+
+    let [Notice::Elsewhere(at, _, who, text), Notice::Elsewhere(.., why)] = &told else {
+        panic!("{told:?}")
+    };
+    assert_eq!((who.as_str(), text.as_str()), ("vsp gs1 on node b", "dark"));
+    assert!((at / crate::motion::PERIOD - clock.period() as f64).abs() <= 2.0, "{at}");
+    assert_eq!(why, "a picture was refused: camera 4 is not on this node");
+    assert!(watchdog.listen().borrow().is_none());
+    assert!(home.traffic().received > carried + 20);
 }
 
 #[tokio::test(start_paused = true)]
