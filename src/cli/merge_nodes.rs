@@ -47,13 +47,13 @@ pub(super) fn run(args: &MergeArgs) -> anyhow::Result<u8> {
         if let Some(flaw) = &part.flaw {
             complain(&format!("{}: {flaw}; what can be read is merged", part.file));
         }
-        parts.push(part);
+        parts.push((part, path));
     }
-    check(&mut parts).map_err(refuse)?;
-    // Each file belongs to a part by its name.
-    let paths: Vec<_> = parts.iter().map(|part| PathBuf::from(&part.file)).collect();
+    parts.sort_by(|(a, _), (b, _)| a.node.cmp(&b.node));
+    check(&parts.iter().map(|(part, _)| part).collect::<Vec<_>>()).map_err(refuse)?;
+    let (parts, paths): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
     let files = paths.iter().map(|path| open(path)).collect::<anyhow::Result<Vec<_>>>()?;
-    let parts = owners(parts, &paths[0])?;
+    let parts = owners(parts, paths[0])?;
     let (to, mut place) = Place::create(&args.output)
         .map_err(|error| refuse(format!("{}: {error}", args.output.display())))?;
     let merged = match merge(&parts, files, BufWriter::new(to)) {

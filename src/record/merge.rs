@@ -176,12 +176,12 @@ fn read_offset(message: &[u8]) -> Result<i64, Malformed> {
     from.i64()
 }
 
-/// Checks that recordings are of different nodes of one run, and puts that of MP's node first.
+/// Checks that recordings, which are in the order of their nodes' names, are of different nodes of
+/// one run. So that of MP's node is the first one.
 ///
 /// # Errors
 /// The first recording that does not belong to the others, with the reason.
-pub(crate) fn check(parts: &mut [Part]) -> Result<(), Unmerged> {
-    parts.sort_by(|a, b| a.node.cmp(&b.node));
+pub(crate) fn check(parts: &[&Part]) -> Result<(), Unmerged> {
     let Some((home, others)) = parts.split_first() else { return Ok(()) };
     if !home.node.is_empty() {
         return Err(Unmerged::of(&home.file, "the recording of MP's node is missing beside it"));
@@ -673,7 +673,8 @@ mod tests {
         let read = |(i, file): (usize, &Vec<u8>)| Part::read(&name(i), Cursor::new(file.clone()));
         let parts = files.iter().enumerate().map(read).collect::<Result<Vec<_>, _>>();
         let mut parts = parts.map_err(|why| why.to_string())?;
-        check(&mut parts).map_err(|why| why.to_string())?;
+        parts.sort_by(|a, b| a.node.cmp(&b.node));
+        check(&parts.iter().collect::<Vec<_>>()).map_err(|why| why.to_string())?;
         let at = |part: &Part| files.iter().enumerate().position(|(i, _)| name(i) == part.file);
         let files =
             parts.iter().map(|part| Cursor::new(files[at(part).unwrap()].clone())).collect();

@@ -140,12 +140,7 @@ impl Kind {
                  received it.\nbuiltin_interfaces/Time stamp\nuint64 period\nstring command\n",
                 &[TIME],
             ),
-            Self::Offset => (
-                "# From this period of 2 ms of the node on, a period of MP's node is one of this \
-                 node plus the offset.\nbuiltin_interfaces/Time stamp\nuint64 period\nint64 \
-                 offset\n",
-                &[TIME],
-            ),
+            Self::Offset => (OFFSET, &[TIME]),
         };
         // The format separates definitions by a line of 80 equal signs.
         let mut text = own.to_owned();
@@ -249,6 +244,13 @@ string believed
 string truth
 # Effectors that hold the cube.
 string[] holders
+";
+
+const OFFSET: &str = "\
+# From this period of 2 ms on, a period of MP's node is one of this node plus the offset.
+builtin_interfaces/Time stamp
+uint64 period
+int64 offset
 ";
 
 const SENSED: &str = "\

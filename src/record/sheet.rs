@@ -23,7 +23,7 @@
 //! | `rubik_robot` | program, version, build, tasks, seed, task | at the beginning |
 //! | `options` | options that override the scenario | at the beginning |
 //! | `calibration` | cameras, if the run was calibrated | after the calibration |
-//! | `node` | node, run and checksum of the scenario, if the run has nodes on several hosts | early |
+//! | `node` | node, run and scenario, for a run on several hosts | after joining |
 //! | `summary`, `timing` | results of the run, timing of the servo | at the end |
 //! | `vision` | time that reading a face took | at the end |
 //! | `recording` | numbers of written and lost messages | at the end |

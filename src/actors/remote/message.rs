@@ -3,9 +3,9 @@
 //! Actors are named by their indices in the scenario, which both nodes have read.
 
 use super::line::Carried;
-use super::pictures::Shown;
 use crate::actors::control::Control;
 use crate::actors::ecp::Report;
+use crate::actors::latest::Found;
 use crate::actors::move_instruction::Ending;
 use crate::error::Error;
 use crate::generators::{Behaviour, Outcome, Sensing, Target};
@@ -15,7 +15,8 @@ use crate::net::Lane;
 use crate::operator::Class;
 use crate::operator::parameter::Courses;
 use crate::vision::sensor::FaceReading;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+use std::fmt;
 
 /// Facts by which two nodes see that they belong together.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -185,6 +186,52 @@ pub(crate) enum Answer {
     Face(Result<FaceReading, Error>),
     /// Beginning of a programme.
     Begun(Result<(), Error>),
+}
+
+/// Picture of a camera of a node.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Shown {
+    /// Index of the camera.
+    pub(super) camera: usize,
+    /// Period of the exposure, of MP's node.
+    pub(super) period: u64,
+    /// Result of vision.
+    pub(super) found: Found,
+    /// The picture.
+    pub(super) file: JpegFile,
+}
+
+/// File of a picture.
+#[derive(Clone, PartialEq)]
+pub(super) struct JpegFile(pub(super) Vec<u8>);
+
+impl fmt::Debug for JpegFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} bytes", self.0.len())
+    }
+}
+
+impl Serialize for JpegFile {
+    /// Writes the bytes at once: as a list of numbers they would take half as much again.
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_bytes(&self.0)
+    }
+}
+
+impl<'de> Deserialize<'de> for JpegFile {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        struct Bytes;
+        impl de::Visitor<'_> for Bytes {
+            type Value = JpegFile;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("the bytes of a picture")
+            }
+            fn visit_bytes<E: de::Error>(self, bytes: &[u8]) -> Result<JpegFile, E> {
+                Ok(JpegFile(bytes.to_vec()))
+            }
+        }
+        from.deserialize_bytes(Bytes)
+    }
 }
 
 /// Sign of life of a node.

@@ -15,7 +15,7 @@
 //! | the thread is behind by [`WAITING`] | left out |
 
 use super::line::Sender;
-use super::message::ToHome;
+use super::message::{JpegFile, Shown, ToHome};
 use super::offset::Offset;
 use crate::actors::latest::{Found, LatestValues, Sight};
 use crate::actors::notice::Notice;
@@ -28,9 +28,7 @@ use crate::record::merge::name_of;
 use crate::record::recorder::Entry;
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
-use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use std::collections::BTreeMap;
-use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -47,52 +45,6 @@ const LARGEST: usize = 256 << 10;
 const WAITING: usize = 4;
 /// Quality of the files, 0 to 100.
 const QUALITY: u8 = 80;
-
-/// Picture of a camera of a node.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Shown {
-    /// Index of the camera.
-    pub(super) camera: usize,
-    /// Period of the exposure, of MP's node.
-    pub(super) period: u64,
-    /// Result of vision.
-    pub(super) found: Found,
-    /// The picture.
-    pub(super) file: JpegFile,
-}
-
-/// File of a picture.
-#[derive(Clone, PartialEq)]
-pub(super) struct JpegFile(pub(super) Vec<u8>);
-
-impl fmt::Debug for JpegFile {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} bytes", self.0.len())
-    }
-}
-
-impl Serialize for JpegFile {
-    /// Writes the bytes at once: as a list of numbers they would take half as much again.
-    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        to.serialize_bytes(&self.0)
-    }
-}
-
-impl<'de> Deserialize<'de> for JpegFile {
-    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
-        struct Bytes;
-        impl de::Visitor<'_> for Bytes {
-            type Value = JpegFile;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("the bytes of a picture")
-            }
-            fn visit_bytes<E: de::Error>(self, bytes: &[u8]) -> Result<JpegFile, E> {
-                Ok(JpegFile(bytes.to_vec()))
-            }
-        }
-        from.deserialize_bytes(Bytes)
-    }
-}
 
 /// Sends the pictures of a node while `wanted` is set, until the actors' runtime ends.
 ///

@@ -304,9 +304,9 @@ async fn notices_of_node_reach_the_operator() {
     // Numbers of the node's own messages would follow: this is the first one.
     let (class, who) = (crate::operator::Class::Warning, "vsp gs1".to_owned());
     there_sender.send(&ToHome::Notice { class, who, text: "dark".into() });
-    let file = super::pictures::JpegFile(vec![1, 2, 3]);
+    let file = super::message::JpegFile(vec![1, 2, 3]);
     let found = crate::actors::latest::Found::Nothing(String::new());
-    let shown = super::pictures::Shown { camera: 4, period: 1, found, file };
+    let shown = super::message::Shown { camera: 4, period: 1, found, file };
     there_sender.send(&ToHome::Picture(shown));
 
     let told = [notices.recv().await, notices.recv().await].map(Option::unwrap);
