@@ -298,15 +298,15 @@ impl<W: Write + Seek> Merger<W> {
         let part = source.part;
         while let Some(piece) = source.reading.next() {
             match piece {
-                Piece::Message(message) => {
-                    let mut message = message;
+                Piece::Message(mut message) => {
                     let failed = |why: Malformed| {
                         let topic = message.channel.topic.clone();
                         Unmerged::of(&part.file, Unreadable::Message { topic, why })
                     };
-                    let kept = match part.node.is_empty() {
-                        true => self.keeps(&message).map_err(failed)?,
-                        false => self.carries(&message),
+                    let kept = if part.node.is_empty() {
+                        self.keeps(&message).map_err(failed)?
+                    } else {
+                        carries(&message)
                     };
                     if !kept {
                         continue;
@@ -350,13 +350,6 @@ impl<W: Write + Seek> Merger<W> {
         }
         let (_, who, _) = standard::read_log(&mut Reader::new(&message.data)?)?;
         Ok(!self.nodes.iter().any(|node| told_by(node, who)))
-    }
-
-    /// Returns whether a message of another node is kept. Those that are written once are in the
-    /// recording of MP's node.
-    fn carries(&self, message: &Message) -> bool {
-        let topic = message.channel.topic.as_str();
-        !matches!(topic, "/robot_description" | "/tf_static") && !topic.ends_with("/info")
     }
 
     /// Returns a message of another node with the time of MP's node.
@@ -484,6 +477,13 @@ fn check_owner(part: &Part, owned: &Owned, message: &Message) -> Result<(), Unme
         }
         _ => Ok(()),
     }
+}
+
+/// Returns whether a message of another node is kept. Those that are written once are in the
+/// recording of MP's node.
+fn carries(message: &Message) -> bool {
+    let topic = message.channel.topic.as_str();
+    !matches!(topic, "/robot_description" | "/tf_static") && !topic.ends_with("/info")
 }
 
 /// Returns the index of the arm of a servo tick.

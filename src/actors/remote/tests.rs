@@ -407,7 +407,9 @@ async fn absent_node_is_refused_after_the_limit() {
     let home = Home::new("b", Sender::new(near.0, RUN), Duration::ZERO, Duration::ZERO);
     let introduction = Introduction { run: RUN, program: "p".into(), scenario: 3 };
 
-    let absent = home.join(&mut Receiver::new(near.1), &introduction, Duration::from_secs(5)).await;
+    let (begun, limit) = (tokio::time::Instant::now(), Duration::from_secs(5));
+    let absent = home.join(&mut Receiver::new(near.1), &introduction, limit).await;
 
     assert_eq!(absent, Err("no answer in 5 s".into()));
+    assert_eq!(begun.elapsed(), limit);
 }
