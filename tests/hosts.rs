@@ -143,8 +143,8 @@ impl Drop for Cell {
     }
 }
 
-/// Starts a face turn in a new cell, whose node listens at `port`, and waits until both hands are at
-/// work. Returns the cell, the node and the run.
+/// Starts a face turn in a new cell, whose node listens at `port`, and waits until both hands are
+/// at work. Returns the cell, the node and the run.
 fn under_way(port: u16) -> (Cell, Process, Process) {
     let cell = Cell::new("face_turn", port);
     let (node, run) = begun(&cell);
@@ -209,8 +209,8 @@ fn face_turns_on_two_hosts() {
     assert_eq!((&verdict["slips"], &verdict["collisions"]), (&0.into(), &0.into()));
 }
 
-/// Performs a task with recordings of both nodes, and merges them. Returns the folder's cell and the
-/// paths of the recordings of MP's node and of node b, and of the merged one.
+/// Performs a task with recordings of both nodes, and merges them. Returns the cell, and the paths
+/// of the recordings of MP's node and of node b, and of the merged one.
 fn recorded(task: &str, port: u16) -> (Cell, [String; 3]) {
     let cell = Cell::new(task, port);
     let paths = ["mp.mcap", "b.mcap", "run.mcap"]
