@@ -532,6 +532,7 @@ fn log_of(node: &str, (class, who, text): (Class, &str, &str), time: u64) -> Vec
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::Cell;
     use crate::hw::driver::ServoRecord;
     use crate::motion::ArmState;
     use crate::record::entry::Entry;
@@ -543,6 +544,7 @@ mod tests {
     use crate::spatial::Pose;
     use std::io::Cursor;
     use std::path::Path;
+    use std::sync::OnceLock;
 
     /// Time of period 0 of MP's node, and of the node b, whose clock is years ahead (ns).
     const STARTS: [u64; 2] = [1_000_000_000_000, 99_000_000_000_000_000];
@@ -558,7 +560,6 @@ mod tests {
     impl Making {
         /// Begins the recording of MP's node (0) or of node b (1), with changed facts.
         fn new(node: usize, changes: &[(&str, &str)]) -> Self {
-            let scenario = crate::tasks::read(Path::new("t.toml"), "", &[]).unwrap();
             let mut facts: BTreeMap<String, String> =
                 COMMON[2..].iter().map(|(_, key, _)| ((*key).to_owned(), "x".to_owned())).collect();
             let mut of_node = BTreeMap::from(
@@ -570,7 +571,7 @@ mod tests {
                 map.insert((*key).to_owned(), (*fact).to_owned());
             }
             let about = RunInfo {
-                cell: scenario.controller.cell.clone(),
+                cell: cell().clone(),
                 scenario: "task = \"idle\"\n".to_owned(),
                 options: Vec::new(),
                 facts,
@@ -689,10 +690,16 @@ mod tests {
         merged(&[node, home], [owned(0, &[]), owned(1, &[&camera()])])
     }
 
+    /// Returns the cell of the default scenario.
+    fn cell() -> &'static Cell {
+        static CELL: OnceLock<Cell> = OnceLock::new();
+        let read = || crate::tasks::read(Path::new("t.toml"), "", &[]).unwrap();
+        CELL.get_or_init(|| read().controller.cell)
+    }
+
     /// Returns the name of the first camera.
     fn camera() -> String {
-        let scenario = crate::tasks::read(Path::new("t.toml"), "", &[]).unwrap();
-        scenario.controller.cell.cameras[0].name.clone()
+        cell().cameras[0].name.clone()
     }
 
     fn messages(file: Vec<u8>) -> Vec<Message> {
