@@ -349,7 +349,9 @@ impl Link for Slow {
     }
 }
 
-/// Beats still arrive in their rhythm, but a second late: neither end takes them for signs of life.
+/// Each beat is longer on its way than the one before, so that beats arrive without a gap, but in
+/// the end half a second late: neither end takes them for signs of life. MP's node sees that long
+/// before the other node ends.
 #[tokio::test(start_paused = true)]
 async fn late_link_stops_both_ends() {
     let (grows, way) = watch::channel(Duration::from_millis(2));
@@ -360,8 +362,17 @@ async fn late_link_stops_both_ends() {
     let Rig { watchdog, there, node, .. } = rig_over(ends).await;
     assert!(watchdog.listen().borrow().is_none());
 
-    grows.send_replace(Duration::from_secs(1));
+    let begun = tokio::time::Instant::now();
+    tokio::spawn(async move {
+        for step in 1..=50 {
+            grows.send_replace(Duration::from_millis(2 + 10 * step));
+            tokio::time::sleep(BEAT).await;
+        }
+        // The link goes on as it is.
+        std::future::pending::<()>().await;
+    });
     let error = watchdog.raised().await;
+    assert!(begun.elapsed() < GONE / 2, "{:?}", begun.elapsed());
     tokio::time::sleep(Duration::from_millis(1200)).await;
     let beats = there.beats.load(Ordering::Relaxed);
 
