@@ -6,6 +6,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
+use rubik_robot::record::reading::{Message, Piece};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -142,13 +143,44 @@ impl Drop for Cell {
     }
 }
 
+/// Starts a face turn in a new cell, whose node listens at `port`, and waits until both hands are
+/// at work. Returns the cell, the node and the run.
+fn under_way(port: u16) -> (Cell, Process, Process) {
+    let cell = Cell::new("face_turn", port);
+    let (node, run) = begun(&cell);
+    (cell, node, run)
+}
+
 /// Starts a run with its node, and waits until both hands are at work.
-fn under_way(cell: &Cell) -> (Process, Process) {
+fn begun(cell: &Cell) -> (Process, Process) {
     let node = cell.node(&[]);
     let mut run = cell.run(&[]);
     run.until("grasp");
     std::thread::sleep(Duration::from_secs(3));
     (node, run)
+}
+
+/// Waits for the end of a process, which must come in 6 s: the arms come to rest before the drives
+/// go off, and MP waits for the end of a dead node. Returns what [`Process::end`] does.
+fn end_soon(process: Process) -> (Option<i32>, Value, String) {
+    let begun = Instant::now();
+    let ended = process.end();
+    assert!(begun.elapsed() < Duration::from_secs(6), "{:?}", begun.elapsed());
+    ended
+}
+
+/// Checks by the plant that no arm has moved after the end of a run, and none has done harm.
+fn assert_arms_rest(cell: Cell) {
+    let verdict = cell.verdict();
+    let counts = ["drops", "collisions", "moved_after_stop"].map(|key| &verdict[key]);
+    assert_eq!(counts, [0; 3], "{verdict}");
+}
+
+/// Ends a node that waits for a run, by Ctrl-C.
+fn assert_joined_no_run(node: Process) {
+    node.signal("INT");
+    let (code, end, told) = node.end();
+    assert_eq!(code, Some(130), "it has joined a run: {end} {told}");
 }
 
 #[test]
@@ -164,61 +196,120 @@ fn face_turns_on_two_hosts() {
     assert_eq!(summary["outcome"], "solved");
     assert_eq!(node_code, Some(0), "{node_told}");
     assert!(end["time_s"].as_f64().unwrap() > 5.0);
+    // Each end has sent what the other one has received, but for the last messages.
+    let link = &summary["links"][0];
+    let bytes = |end: &Value, key: &str| end[key].as_f64().unwrap();
+    for (sent, received) in [(link, &end), (&end, link)] {
+        let (sent, received) = (bytes(sent, "sent_bytes"), bytes(received, "received_bytes"));
+        assert!(sent > 1e5 && (received / sent - 1.0).abs() < 0.02, "{summary} {end}");
+    }
     let verdict = cell.verdict();
     let turned = verdict["turned_deg"].as_f64().unwrap();
     assert!((turned - 90.0).abs() < 2.0, "{verdict}");
     assert_eq!((&verdict["slips"], &verdict["collisions"]), (&0.into(), &0.into()));
 }
 
-/// The recordings of both nodes have the servos of their own arms, and each is verified.
-#[test]
-fn recordings_of_both_hosts_are_verified() {
-    let cell = Cell::new("face_turn", 17102);
-    let files = ["mp.mcap", "b.mcap"].map(|name| cell.folder.join(name));
-    let path = |file: &Path| file.to_str().unwrap().to_owned();
-    let words =
-        ["node", "b", "--scenario", "scenarios/two_hosts.toml", "--record", &path(&files[1])];
+/// Performs a task with recordings of both nodes, and merges them. Returns the cell, and the paths
+/// of the recordings of MP's node and of node b, and of the merged one.
+fn recorded(task: &str, port: u16) -> (Cell, [String; 3]) {
+    let cell = Cell::new(task, port);
+    let paths = ["mp.mcap", "b.mcap", "run.mcap"]
+        .map(|name| cell.folder.join(name).to_str().unwrap().to_owned());
+    let [of_mp, of_b, merged] = &paths;
+    let words = ["node", "b", "--scenario", "scenarios/two_hosts.toml", "--record", of_b];
     let mut node = cell.command(&words, &[]);
     node.until("waits for MP's node");
 
-    let words = ["run", "scenarios/two_hosts.toml", "--ui", "none", "--record", &path(&files[0])];
-    assert_eq!(cell.command(&words, &[]).end().0, Some(0));
+    let words = ["run", "scenarios/two_hosts.toml", "--ui", "none", "--record", of_mp];
+    let (code, _, told) = cell.command(&words, &[]).end();
+    assert_eq!(code, Some(0), "{told}");
     assert_eq!(node.end().0, Some(0));
 
-    for file in &files {
-        let (code, _, told) = Process::start(&["replay", "--verify", &path(file)]).end();
-        assert_eq!(code, Some(0), "{}: {told}", file.display());
+    let (code, _, told) = Process::start(&["merge", of_b, of_mp, "-o", merged]).end();
+    assert_eq!(code, Some(0), "{told}");
+    (cell, paths)
+}
+
+/// The recordings of both nodes have the servos of their own arms, and the merged one has those of
+/// both. Each is verified.
+#[test]
+fn recordings_of_both_hosts_are_verified() {
+    let (cell, paths) = recorded("face_turn", 17102);
+
+    let compared = paths.clone().map(|path| {
+        let (code, result, told) = Process::start(&["replay", "--verify", "--json", &path]).end();
+        assert_eq!(code, Some(0), "{path}: {told}");
+        assert_eq!(result["not_compared"], 0, "{path}: {result}");
+        result["compared"].as_u64().unwrap()
+    });
+
+    let [of_mp, of_b, merged] = compared;
+    assert!(of_mp > 2000 && of_b > 2000, "{compared:?}");
+    assert_eq!(merged, of_mp + of_b);
+    let page = cell.folder.join("report.html");
+    let report = ["report", &paths[2], "-o", page.to_str().unwrap()];
+    assert_eq!(Process::start(&report).end().0, Some(0));
+    let page = std::fs::read_to_string(page).unwrap();
+    assert!(page.contains("track") && page.contains("postument"), "an arm is missing");
+    // A second run's recording is of another run.
+    let (_other, others) = recorded("face_turn", 17113);
+    let mixed = ["merge", &paths[0], &others[1], "-o", &paths[2]];
+    let before = std::fs::read(&paths[2]).unwrap();
+    let (code, _, told) = Process::start(&mixed).end();
+    assert_eq!(code, Some(2), "{told}");
+    assert!(told.contains("b.mcap: its run is"), "{told}");
+    assert_eq!(std::fs::read(&paths[2]).unwrap(), before);
+}
+
+/// Number of pictures of the cameras in a recording, and the shortest time between two of a camera
+/// (s).
+fn pictures(path: &str) -> (usize, f64) {
+    let (mut count, mut apart) = (0, f64::INFINITY);
+    let mut last = std::collections::BTreeMap::new();
+    for piece in rubik_robot::record::reading::open(Path::new(path)).unwrap() {
+        let Piece::Message(Message { channel, time, .. }) = piece else { continue };
+        if channel.topic.ends_with("/image") {
+            count += 1;
+            if let Some(before) = last.insert(channel.topic.clone(), time) {
+                apart = apart.min(time.saturating_sub(before) as f64 * 1e-9);
+            }
+        }
     }
+    (count, apart)
+}
+
+/// All cameras are on node b: MP's recording has at most five pictures a second of each.
+#[test]
+fn pictures_of_node_reach_mp() {
+    let (_cell, paths) = recorded("acquire", 17114);
+
+    let [of_mp, of_b, merged] = paths.each_ref().map(|path| pictures(path));
+
+    assert!(of_mp.0 > 5, "{of_mp:?} of {of_b:?}");
+    assert!(of_mp.1 > 0.1, "{of_mp:?}");
+    assert_eq!(merged.0, of_b.0);
+    let (code, _, told) = Process::start(&["replay", "--verify", &paths[2]]).end();
+    assert_eq!(code, Some(0), "{told}");
 }
 
 /// A killed node: its arm stops by its controllers' watchdogs, and that of MP's node holds.
 #[test]
 fn killed_node_ends_the_run() {
-    let cell = Cell::new("face_turn", 17103);
-    let (node, run) = under_way(&cell);
+    let (cell, node, run) = under_way(17103);
 
     node.signal("KILL");
-    let begun = Instant::now();
-    let (code, summary, told) = run.end();
+    let (code, summary, told) = end_soon(run);
 
-    // The arms come to rest before the drives go off, and MP waits for the dead node's end.
-    assert!(begun.elapsed() < Duration::from_secs(6), "{:?}", begun.elapsed());
     assert_eq!(code, Some(4), "{told}");
     assert_eq!(summary["fault"], "no-answer", "{summary}");
     assert!(summary["reason"].as_str().unwrap().contains("node b"), "{summary}");
-    let verdict = cell.verdict();
-    assert_eq!(
-        ["drops", "collisions", "moved_after_stop"].map(|key| &verdict[key]),
-        [0; 3],
-        "{verdict}"
-    );
+    assert_arms_rest(cell);
 }
 
 /// A frozen node is as good as dead. When it goes on, its servo has tripped.
 #[test]
 fn frozen_node_ends_the_run() {
-    let cell = Cell::new("face_turn", 17104);
-    let (node, run) = under_way(&cell);
+    let (_cell, node, run) = under_way(17104);
 
     node.signal("STOP");
     let (code, summary, told) = run.end();
@@ -233,29 +324,20 @@ fn frozen_node_ends_the_run() {
 /// Without MP's node the servo of the other node brakes and trips, and its process ends.
 #[test]
 fn killed_mp_ends_the_node() {
-    let cell = Cell::new("face_turn", 17105);
-    let (node, run) = under_way(&cell);
+    let (cell, node, run) = under_way(17105);
 
     run.signal("KILL");
-    let begun = Instant::now();
-    let (code, end, told) = node.end();
+    let (code, end, told) = end_soon(node);
 
-    assert!(begun.elapsed() < Duration::from_secs(6), "{:?}", begun.elapsed());
     assert_eq!(code, Some(4), "{told}");
     assert_eq!(end["fault"], "link-failed", "{end}");
-    let verdict = cell.verdict();
-    assert_eq!(
-        ["drops", "collisions", "moved_after_stop"].map(|key| &verdict[key]),
-        [0; 3],
-        "{verdict}"
-    );
+    assert_arms_rest(cell);
 }
 
 /// Ctrl-C at a node ends the run on all nodes.
 #[test]
 fn interrupted_node_ends_the_run() {
-    let cell = Cell::new("face_turn", 17106);
-    let (node, run) = under_way(&cell);
+    let (_cell, node, run) = under_way(17106);
 
     node.signal("INT");
     let (code, summary, told) = run.end();
@@ -274,8 +356,7 @@ fn node_with_other_scenario_is_refused() {
 
     assert_eq!(code, Some(4), "{told}");
     assert!(told.contains("has read another scenario"), "{told}");
-    node.signal("INT");
-    assert_eq!(node.end().0, Some(130));
+    assert_joined_no_run(node);
 }
 
 /// A node that died before the run is taken back; one that returns during it stays out.
@@ -283,7 +364,7 @@ fn node_with_other_scenario_is_refused() {
 fn returning_node_joins_only_the_next_run() {
     let cell = Cell::new("face_turn", 17108);
     cell.node(&[]).signal("KILL");
-    let (node, run) = under_way(&cell);
+    let (node, run) = begun(&cell);
 
     node.signal("KILL");
     let back = cell.node(&[]);
@@ -291,9 +372,7 @@ fn returning_node_joins_only_the_next_run() {
 
     assert_eq!(code, Some(4), "{told}");
     std::thread::sleep(Duration::from_secs(1));
-    back.signal("INT");
-    let (code, end, told) = back.end();
-    assert_eq!(code, Some(130), "it has joined no run: {end} {told}");
+    assert_joined_no_run(back);
 }
 
 #[test]
@@ -355,25 +434,32 @@ fn face_turns_over_a_slow_network() {
     assert!((turned - 90.0).abs() < 2.0, "{verdict}");
 }
 
-/// With certificates the nodes speak over TLS; a peer without one gets no answer.
+/// With certificates the nodes speak over TLS. A peer without one gets no answer, and neither does
+/// one with the certificate of another node.
 #[test]
 fn tls_needs_a_certificate_on_both_sides() {
     let cell = Cell::new("face_turn", 17112);
-    let made = Command::new("packaging/network/certificates").arg(&cell.folder).status().unwrap();
+    let mut make = Command::new("packaging/network/certificates");
+    let made = make.arg(&cell.folder).args(["b=localhost", "c=localhost"]).status().unwrap();
     assert!(made.success());
     let settings = |name: &str| format!("link.settings={}", cell.folder.join(name).display());
     let (of_b, of_mp) = (settings("b.json5"), settings("mp.json5"));
-    // A stranger that trusts the authority, but has no certificate of it.
+    // A stranger that trusts the authority, but has no certificate of it, and a node that presents
+    // its own certificate in the place of MP's.
     let own = std::fs::read_to_string(cell.folder.join("mp.json5")).unwrap();
     let stranger: Vec<_> =
         own.lines().filter(|line| !line.contains("connect_certificate")).collect();
     std::fs::write(cell.folder.join("stranger.json5"), stranger.join("\n")).unwrap();
+    let other = own.replace("/mp.pem", "/c.pem").replace("/mp.key", "/c.key");
+    std::fs::write(cell.folder.join("other.json5"), other).unwrap();
     let endpoint = "node.b.endpoint=tls/localhost:17112";
     let node = cell.node(&[&of_b, endpoint]);
 
-    let (code, _, told) = cell.run(&[endpoint, &settings("stranger.json5")]).end();
-    assert_eq!(code, Some(4), "{told}");
-    assert!(told.contains("no answer in 30 s"), "{told}");
+    for wrong in ["stranger.json5", "other.json5"] {
+        let (code, _, told) = cell.run(&[endpoint, &settings(wrong)]).end();
+        assert_eq!(code, Some(4), "{wrong}: {told}");
+        assert!(told.contains("no answer in 30 s"), "{wrong}: {told}");
+    }
     let (code, summary, told) = cell.run(&[&of_mp, endpoint]).end();
 
     assert_eq!(code, Some(0), "{told}");

@@ -12,6 +12,7 @@ use crate::operator::parameter::Courses;
 use crate::spatial::Pose;
 use crate::vision::sensor::FaceReading;
 use image::RgbImage;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -103,7 +104,7 @@ pub struct Sight {
 }
 
 /// Result of vision in one picture.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Found {
     /// The cube: `world_from_cube`, speed of its centre (m/s).
     Cube(Pose, f64),

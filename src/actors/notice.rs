@@ -16,6 +16,8 @@ pub enum Notice {
     Warning(f64, String),
     /// An error, with its class, actor and place.
     Error(f64, Error),
+    /// Message of an actor on another node: time (s), class, name of the actor, text.
+    Elsewhere(f64, Class, String, String),
     /// The run is over; nothing comes after it.
     Over(OutcomeView),
 }
@@ -39,9 +41,27 @@ pub(super) fn record(recorder: &Recorder, notice: &Notice) {
             let (class, actor) = class(error);
             log(*time, class, actor, &error.to_string());
         }
+        Notice::Elsewhere(time, class, who, text) => log(*time, *class, who, text),
         // The run writes its end itself, as the phase "end".
         Notice::Over(_) => {}
     }
+}
+
+/// Returns a notice as a message to the operator at another node: class, actor, text; `None` for
+/// the end of a run.
+pub(super) fn message(notice: &Notice) -> Option<(Class, String, String)> {
+    let (class, who, text) = match notice {
+        Notice::Phase(_, name) => (Class::Info, "mp", format!("phase: {name}")),
+        Notice::Note(_, text) => (Class::Info, "mp", text.clone()),
+        Notice::Warning(_, text) => (Class::Warning, "mp", text.clone()),
+        Notice::Error(_, error) => {
+            let (class, actor) = class(error);
+            (class, actor, error.to_string())
+        }
+        Notice::Elsewhere(_, class, who, text) => (*class, who.as_str(), text.clone()),
+        Notice::Over(_) => return None,
+    };
+    Some((class, who.to_owned(), text))
 }
 
 /// Returns the class of an error and its actor.

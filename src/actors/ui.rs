@@ -20,7 +20,7 @@ use crate::desk::{Desk, Given, Inputs, RunEnd, UiEnd};
 use crate::emergency_stop::{StopButton, StopSignal};
 use crate::hw::text::printable;
 use crate::operator::parameter::AllBounds;
-use crate::operator::{Input, OutcomeView};
+use crate::operator::{Class, Input, OutcomeView};
 use crate::record::recorder::Recorder;
 use crate::record::run_hash::RunHash;
 use std::borrow::Cow;
@@ -198,6 +198,7 @@ fn print(notice: &Notice) {
         Notice::Phase(_, name) => tracing::info!(phase = %name, "phase"),
         Notice::Note(_, text) | Notice::Warning(_, text) => tracing::info!("{text}"),
         Notice::Error(_, error) => tracing::debug!("{error}"),
+        Notice::Elsewhere(_, _, who, text) => tracing::info!("{who}: {text}"),
         Notice::Over(_) => return,
     }
     let mut err = std::io::stderr().lock();
@@ -206,6 +207,10 @@ fn print(notice: &Notice) {
         Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {}", printable(name)),
         Notice::Note(_, text) | Notice::Warning(_, text) => {
             writeln!(err, "       note: {}", printable(text))
+        }
+        Notice::Elsewhere(t, class, who, text) => {
+            let mark = if *class > Class::Warning { "!" } else { "note:" };
+            writeln!(err, "{t:9.2} s  {mark} {}: {}", printable(who), printable(text))
         }
         // A camera or a bridge may have sent the reason.
         Notice::Error(t, error) => {

@@ -13,7 +13,10 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Cube", &["solve", "plan", "scramble", "tables"]),
     ("Vision", &["vision", "calibrate", "picture"]),
     ("Hardware", &["emulate", "node", "kinematics"]),
-    ("Files", &["replay", "report", "film", "recover", "urdf", "schema", "completions", "man"]),
+    (
+        "Files",
+        &["replay", "report", "film", "recover", "merge", "urdf", "schema", "completions", "man"],
+    ),
 ];
 
 /// Gives `program` a help text that lists its commands in groups. The helps of the commands stay

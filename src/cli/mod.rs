@@ -27,6 +27,7 @@ mod kinematics;
 mod live;
 mod locate;
 mod merge;
+mod merge_nodes;
 mod mix;
 mod node;
 mod output;
@@ -271,6 +272,8 @@ Exit codes: 0 done, 1 the action failed for a table, 2 wrong usage.")]
     Film(film::FilmArgs),
     /// Repair a recording that was cut off or damaged
     Recover(recover::RecoverArgs),
+    /// Make one recording of those of all nodes of a run on several hosts
+    Merge(merge_nodes::MergeArgs),
     /// Print the cell, or one arm, as URDF (the robot description of ROS)
     Urdf(urdf::UrdfArgs),
     /// Print the JSON schema of scenarios, for editors
@@ -342,6 +345,7 @@ pub fn main(catalogue: Catalogue) -> ExitCode {
         Command::Report(args) => report::run(&args),
         Command::Film(args) => film::run(&args, &mut output),
         Command::Recover(args) => recover::run(&args),
+        Command::Merge(args) => merge_nodes::run(&args),
         Command::Urdf(args) => urdf::run(&args, &mut output),
         Command::Schema => schema::run(&mut output),
         Command::Completions { shell } => {

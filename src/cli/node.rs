@@ -28,7 +28,8 @@ join, and ends with the run. `packaging/systemd` starts it again for the next ru
 
 The node stops its arms when MP's node is silent for 0.1 s, and ends after 2 s. Ctrl-C ends the run
 on all nodes. A build without the network says how to build one.
-Keys of the object of --json: servo_hash, time_s, and if an error ended it: fault (its code), reason
+Keys of the object of --json: servo_hash, time_s, sent_bytes, received_bytes (over the link to MP's
+node), and if an error ended it: fault (its code), reason
 Exit codes: 0 MP's node ended the run, 2 wrong usage or scenario, 3 an effector failed, 4 system
 error, 130 interrupted before a run.")]
 pub(super) struct NodeArgs {
@@ -109,7 +110,12 @@ fn tell(end: &NodeEnd, args: &NodeArgs, output: &mut Output) -> anyhow::Result<u
         Some(error) => complain(&error.to_string()),
     }
     if args.json {
-        let mut told = serde_json::json!({ "servo_hash": end.servo_hash, "time_s": end.seconds });
+        let mut told = serde_json::json!({
+            "servo_hash": end.servo_hash,
+            "time_s": end.seconds,
+            "sent_bytes": end.traffic.sent,
+            "received_bytes": end.traffic.received,
+        });
         if let Some(error) = &end.error {
             told["fault"] = serde_json::json!(error.code());
             told["reason"] = serde_json::json!(error.to_string());

@@ -64,7 +64,8 @@ Keys of the object of --json (null: not known, as figures of the plant on hardwa
   drops_noticed, late_drops, pops, crushed, collisions, violations (let_fall, restarts,
   moved_after_stop), accidents (time_s, what), returned, turned_deg, force_limit_n, clearance_mm,
   hash, servo_hash, plant_hash; if there is one: fault, remedy, untrue, last_second, uncalibrated,
-  figures (those of the task, by name)
+  links (node, time_s, sent_bytes, received_bytes: to nodes on other hosts), figures (those of the
+  task, by name)
 docs/operating.md explains the rows of the summary, which the keys follow.
 Exit codes: 0 done, 1 the task failed or was aborted, 2 wrong usage or scenario, 3 an effector
 failed, 4 system error, 130 interrupted by a signal.")]

@@ -10,6 +10,6 @@ mod model;
 #[cfg_attr(not(feature = "net"), path = "without.rs")]
 mod zenoh;
 
-pub use link::{End, Lane, Link, Parcels, pair};
+pub use link::{End, Lane, Link, Parcels, Traffic, pair};
 pub use model::{Direction, LinkModel};
 pub use zenoh::{Session, Token, Topic, open, open_client};

@@ -8,14 +8,15 @@
 //! |---|---|---|---|
 //! | messages | block | interactive | each one must arrive |
 //! | values | drop | real-time | a late beat is worth less than the next one |
+//! | pictures | drop | background | a large parcel holds up all others of its priority |
 //!
 //! Each lane has a thread of its own, so that values do not wait for messages. A full lane of
-//! values drops new ones.
+//! values or pictures drops new ones.
 //!
 //! - in: endpoints, parcels
 //! - out: parcels
 
-use super::link::{End, Lane, Link, Parcels};
+use super::link::{End, Lane, Link, Meter, Parcels, Traffic};
 use crate::error::panic_text;
 use std::fmt;
 use std::path::Path;
@@ -29,6 +30,8 @@ use zenoh::qos::{CongestionControl, Priority};
 
 /// Number of values that wait on a full link: those of about half a second.
 const VALUES: usize = 64;
+/// Number of pictures that wait on a full link.
+const PICTURES: usize = 2;
 
 /// Session of a node with its peers.
 ///
@@ -136,6 +139,8 @@ impl Drop for Session {
 struct Carrier {
     messages: mpsc::Sender<Vec<u8>>,
     values: mpsc::SyncSender<Vec<u8>>,
+    pictures: mpsc::SyncSender<Vec<u8>>,
+    meter: Meter,
 }
 
 impl fmt::Debug for Carrier {
@@ -150,7 +155,12 @@ impl Link for Carrier {
             // The threads end only with these senders.
             Lane::Messages => drop(self.messages.send(parcel)),
             Lane::Values => drop(self.values.try_send(parcel)),
+            Lane::Pictures => drop(self.pictures.try_send(parcel)),
         }
+    }
+
+    fn traffic(&self) -> Traffic {
+        self.meter.traffic()
     }
 }
 
@@ -197,62 +207,77 @@ impl Session {
     pub fn link(&self, name: &str, end: End) -> Result<(Arc<dyn Link>, Parcels), String> {
         let session = self.0.clone().ok_or("the session has ended")?;
         let (arrive, arriving) = tokio::sync::mpsc::unbounded_channel();
+        let meter = Meter::default();
         let declare = {
-            let name = name.to_owned();
-            move || Ends::declare(&session, &name, end, &arrive)
+            let (name, meter) = (name.to_owned(), meter.clone());
+            move || Ends::declare(&session, &name, end, (&arrive, &meter))
         };
         let ends = outside(declare)?.map_err(|why| why.to_string())?;
-        let Ends { messages, values, receivers } = ends;
+        let Ends { publishers: [messages, values, pictures], receivers } = ends;
+        let carried = |parcels, publisher| {
+            let meter = meter.clone();
+            move || carry(&parcels, &publisher, &meter)
+        };
         let (to_messages, sent) = mpsc::channel();
         // A full link makes this thread wait, never an actor.
-        spawn(format!("messages {name}"), move || carry(&sent, &messages))?;
+        spawn(format!("messages {name}"), carried(sent, messages))?;
+        let (to_pictures, sent) = mpsc::sync_channel(PICTURES);
+        spawn(format!("pictures {name}"), carried(sent, pictures))?;
         let (to_values, sent) = mpsc::sync_channel(VALUES);
+        let work = carried(sent, values);
         spawn(format!("values {name}"), move || {
-            carry(&sent, &values);
+            work();
             // The receivers end with the link.
             drop(receivers);
         })?;
-        Ok((Arc::new(Carrier { messages: to_messages, values: to_values }), arriving))
+        let (messages, values, pictures) = (to_messages, to_values, to_pictures);
+        Ok((Arc::new(Carrier { messages, values, pictures, meter }), arriving))
     }
 }
 
 /// Publishers and subscribers of one end of a link.
 struct Ends {
-    messages: Publisher<'static>,
-    values: Publisher<'static>,
+    /// Publishers of the lanes, in the order of [`LANES`].
+    publishers: [Publisher<'static>; 3],
     receivers: Vec<Subscriber<()>>,
 }
 
+/// Lanes, each with its word in keys, its congestion control and its priority. The messages are
+/// first: a peer that knows of the other lanes knows of the messages.
+const LANES: [(Lane, &str, CongestionControl, Priority); 3] = [
+    (Lane::Messages, "messages", CongestionControl::Block, Priority::InteractiveHigh),
+    (Lane::Values, "values", CongestionControl::Drop, Priority::RealTime),
+    (Lane::Pictures, "pictures", CongestionControl::Drop, Priority::Background),
+];
+
 impl Ends {
-    /// Declares them; `arrive` takes the parcels that arrive.
+    /// Declares them; `arrive` takes the parcels that arrive, and `meter` counts them.
     fn declare(
         session: &zenoh::Session,
         name: &str,
         end: End,
-        arrive: &UnboundedSender<(Lane, Vec<u8>)>,
+        (arrive, meter): (&UnboundedSender<(Lane, Vec<u8>)>, &Meter),
     ) -> Result<Self, zenoh::Error> {
         let key = |end: End, lane: &str| format!("rubik-robot/{name}/{}/{lane}", end.word());
         let mut receivers = Vec::new();
-        // Messages first: a peer that knows of the values knows of the messages.
-        for (lane, word) in [(Lane::Messages, "messages"), (Lane::Values, "values")] {
-            let arrive = arrive.clone();
+        for (lane, word, ..) in LANES {
+            let (arrive, meter) = (arrive.clone(), meter.clone());
             let receive = move |sample: zenoh::sample::Sample| {
-                let _ = arrive.send((lane, sample.payload().to_bytes().into_owned()));
+                let parcel = sample.payload().to_bytes().into_owned();
+                meter.received(&parcel);
+                let _ = arrive.send((lane, parcel));
             };
             let subscriber = session.declare_subscriber(key(end.other(), word));
             receivers.push(subscriber.callback(receive).wait()?);
         }
-        let messages = session.declare_publisher(key(end, "messages"));
-        let messages = messages
-            .congestion_control(CongestionControl::Block)
-            .priority(Priority::InteractiveHigh)
-            .express(true);
-        let values = session.declare_publisher(key(end, "values"));
-        let values = values
-            .congestion_control(CongestionControl::Drop)
-            .priority(Priority::RealTime)
-            .express(true);
-        Ok(Self { messages: messages.wait()?, values: values.wait()?, receivers })
+        let publisher = |i: usize| {
+            let (lane, word, congestion, priority) = LANES[i];
+            let publisher = session.declare_publisher(key(end, word));
+            // A picture may wait until a batch is full.
+            let express = lane != Lane::Pictures;
+            publisher.congestion_control(congestion).priority(priority).express(express).wait()
+        };
+        Ok(Self { publishers: [publisher(0)?, publisher(1)?, publisher(2)?], receivers })
     }
 }
 
@@ -265,9 +290,10 @@ fn spawn(name: String, work: impl FnOnce() + Send + 'static) -> Result<(), Strin
     thread.map(drop).map_err(|why| why.to_string())
 }
 
-/// Publishes parcels until their sender ends.
-fn carry(parcels: &mpsc::Receiver<Vec<u8>>, publisher: &Publisher<'static>) {
+/// Publishes parcels until their sender ends, and counts them.
+fn carry(parcels: &mpsc::Receiver<Vec<u8>>, publisher: &Publisher<'static>, meter: &Meter) {
     while let Ok(parcel) = parcels.recv() {
+        meter.sent(&parcel);
         if let Err(why) = publisher.put(parcel).wait() {
             tracing::error!("a parcel to another node was not sent: {why}");
         }

@@ -144,6 +144,21 @@ impl Writer {
 #[error("the message is too short, or its bytes do not fit the message type of its topic")]
 pub struct Malformed;
 
+/// Place of a time that is the first field of a message (bytes).
+pub(crate) const FIRST: usize = ENCAPSULATION.len();
+
+/// Replaces the time at this place of an encoded message (bytes) by `nanos` (ns).
+///
+/// # Errors
+/// [`Malformed`] if the message ends before.
+pub(crate) fn restamp(message: &mut [u8], at: usize, nanos: u64) -> Result<(), Malformed> {
+    let mut time = Writer::default();
+    time.time(nanos);
+    let time = &time.bytes[FIRST..];
+    message.get_mut(at..at + time.len()).ok_or(Malformed)?.copy_from_slice(time);
+    Ok(())
+}
+
 /// Reader of a message, field by field.
 #[derive(Debug, Clone)]
 pub(crate) struct Reader<'a> {
@@ -162,6 +177,11 @@ impl<'a> Reader<'a> {
             Some((head, bytes)) if head[..2] == ENCAPSULATION[..2] => Ok(Self { bytes, at: 0 }),
             _ => Err(Malformed),
         }
+    }
+
+    /// Returns the place in the message of a time that is read next (bytes).
+    pub(crate) fn place_of_time(&self) -> usize {
+        ENCAPSULATION.len() + self.at.next_multiple_of(4)
     }
 
     /// Reads `count` bytes, beginning at the next position that is a multiple of `align`.

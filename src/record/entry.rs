@@ -27,6 +27,8 @@ pub enum Entry {
     Operator(String),
     /// Belief of the task's kernel about the cube, and its plan.
     Belief(Box<Picture>),
+    /// Difference between the periods of a node and those of MP's node, from this period on.
+    Offset(i64),
     /// Texts by name, under a common title such as "timing" (of the servo) or "summary".
     Facts(&'static str, Vec<(String, String)>),
 }

@@ -193,3 +193,13 @@ impl<W: Write + Seek> File<W> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+impl File<std::io::Cursor<Vec<u8>>> {
+    /// Ends the file and returns its bytes.
+    pub(super) fn into_bytes(self) -> Vec<u8> {
+        let mut writer = self.writer.unwrap();
+        writer.finish().unwrap();
+        writer.into_inner().into_inner()
+    }
+}

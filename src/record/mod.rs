@@ -6,8 +6,8 @@
 //!   `belief`, `calibration` and [`urdf`]; [`last_second`] writes a short recording after an error,
 //!   also if the run is not recorded
 //! - reading a recording: [`reading`] (whole, cut off or damaged) with `framing` (records),
-//!   `chunk` and `closing` (the index), [`recover_file`], `playback` (as port and sensors of a
-//!   run), [`report`]
+//!   `chunk` and `closing` (the index), [`recover_file`], `merge` (of all nodes of a run),
+//!   `playback` (as port and sensors of a run), [`report`]
 
 pub(crate) mod belief;
 pub(crate) mod calibration;
@@ -20,6 +20,7 @@ pub(crate) mod file;
 mod framing;
 pub mod journal;
 pub mod last_second;
+pub(crate) mod merge;
 pub(crate) mod place;
 pub(crate) mod playback;
 pub mod reading;

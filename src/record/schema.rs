@@ -35,11 +35,13 @@ pub enum Kind {
     Sensed,
     /// Input of the operator.
     Operator,
+    /// Difference between the periods of a node and those of MP's node.
+    Offset,
 }
 
 impl Kind {
     /// All types.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Text,
         Self::JointState,
         Self::Transforms,
@@ -54,6 +56,7 @@ impl Kind {
         Self::Plan,
         Self::Sensed,
         Self::Operator,
+        Self::Offset,
     ];
 
     /// Returns the ROS name of the message type: `package/msg/Type`.
@@ -74,6 +77,7 @@ impl Kind {
             Self::Plan => "rubik_robot_msgs/msg/Plan",
             Self::Sensed => "rubik_robot_msgs/msg/Sensed",
             Self::Operator => "rubik_robot_msgs/msg/Operator",
+            Self::Offset => "rubik_robot_msgs/msg/Offset",
         }
     }
 
@@ -136,6 +140,7 @@ impl Kind {
                  received it.\nbuiltin_interfaces/Time stamp\nuint64 period\nstring command\n",
                 &[TIME],
             ),
+            Self::Offset => (OFFSET, &[TIME]),
         };
         // The format separates definitions by a line of 80 equal signs.
         let mut text = own.to_owned();
@@ -239,6 +244,13 @@ string believed
 string truth
 # Effectors that hold the cube.
 string[] holders
+";
+
+const OFFSET: &str = "\
+# From this period of 2 ms on, a period of MP's node is one of this node plus the offset.
+builtin_interfaces/Time stamp
+uint64 period
+int64 offset
 ";
 
 const SENSED: &str = "\

@@ -16,12 +16,14 @@
 //! | `/phase`, `/cube`, `/plan`, `/operator` | `rubik_robot_msgs/...` | each change |
 //! | `/belief` | `std_msgs/String`, JSON | each change of the belief that the page shows |
 //! | `/rosout` | `rcl_interfaces/Log` | each message to the operator |
+//! | `/offset` | `rubik_robot_msgs/Offset` | each change, on a node beside that of MP |
 //!
 //! | metadata | contents | written |
 //! |---|---|---|
 //! | `rubik_robot` | program, version, build, tasks, seed, task | at the beginning |
 //! | `options` | options that override the scenario | at the beginning |
 //! | `calibration` | cameras, if the run was calibrated | after the calibration |
+//! | `node` | node, run and scenario, for a run on several hosts | after joining |
 //! | `summary`, `timing` | results of the run, timing of the servo | at the end |
 //! | `vision` | time that reading a face took | at the end |
 //! | `recording` | numbers of written and lost messages | at the end |
@@ -49,6 +51,8 @@ use std::io::{Seek, Write};
 const STATES: u64 = 8;
 /// Time between two sets of transforms (periods of 2 ms).
 const FRAMES: u64 = 20;
+/// Topic of the difference between the periods of a node and those of MP's node.
+pub(super) const OFFSET: &str = "/offset";
 /// Quality of pictures, 0 to 100.
 const JPEG: u8 = 85;
 
@@ -372,6 +376,11 @@ impl MessageWriter {
                 to.string(command);
             }),
             Entry::Belief(picture) => self.belief(time, picture, file),
+            Entry::Offset(offset) => pen.put(file, (OFFSET, Kind::Offset), time, |to| {
+                to.time(time);
+                to.u64(period);
+                to.i64(*offset);
+            }),
             Entry::Facts(name, facts) => file.metadata(name, &facts.iter().cloned().collect()),
         }
     }

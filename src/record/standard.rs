@@ -3,7 +3,7 @@
 //! - in: poses, wrenches, joint values, pictures, texts, and their stamps (ns)
 //! - out: fields in a [`Writer`], in the order of [`super::schema`]
 
-use super::cdr::{Malformed, Reader, Writer};
+use super::cdr::{self, Malformed, Reader, Writer};
 use crate::cell::Intrinsics;
 use crate::operator::Class;
 use crate::spatial::{Pose, Wrench, is_rigid};
@@ -59,6 +59,22 @@ pub(crate) fn read_transforms(
         found.extend(child.filter(|_| is_rigid(&pose)).map(|child| (child, pose)));
     }
     Ok(found)
+}
+
+/// Replaces the stamps of all transforms of an encoded `tf2_msgs/TFMessage`.
+///
+/// # Errors
+/// [`Malformed`] if the bytes are no such message.
+pub(crate) fn restamp_transforms(message: &mut [u8], stamp: u64) -> Result<(), Malformed> {
+    let mut stamps = Vec::new();
+    let mut from = Reader::new(message)?;
+    for _ in 0..from.u32()? {
+        stamps.push(from.place_of_time());
+        from.header()?;
+        from.string()?;
+        from.f64s::<7>()?;
+    }
+    stamps.into_iter().try_for_each(|at| cdr::restamp(message, at, stamp))
 }
 
 /// Writes a `geometry_msgs/WrenchStamped` in the axes of `frame` (N, Nm).

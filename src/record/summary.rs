@@ -235,6 +235,32 @@ pub struct Summary {
     /// used the values of the scenario.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub uncalibrated: Vec<String>,
+    /// Use of the links to other nodes on the wall clock.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub links: Vec<LinkUse>,
+}
+
+/// Bytes that a run has sent over the link to a node and received from it, without those that the
+/// network adds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LinkUse {
+    /// Name of the node.
+    pub node: String,
+    /// Time since the node was first asked to join the run (s).
+    pub time_s: f64,
+    /// Bytes sent to the node.
+    pub sent_bytes: u64,
+    /// Bytes received from the node.
+    pub received_bytes: u64,
+}
+
+impl std::fmt::Display for LinkUse {
+    /// Writes the bytes per second in both directions.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let rate = |bytes: u64| factor(bytes as f64 * 1e-3, self.time_s);
+        let (sent, received) = (rate(self.sent_bytes), rate(self.received_bytes));
+        write!(f, "{sent:.1} kB/s sent, {received:.1} kB/s received")
+    }
 }
 
 impl Summary {
@@ -297,6 +323,7 @@ impl Summary {
             servo_hash: String::new(),
             plant_hash: None,
             uncalibrated: Vec::new(),
+            links: Vec::new(),
         }
     }
 
@@ -431,6 +458,9 @@ impl Summary {
         for camera in &self.uncalibrated {
             row(t, "not calibrated", camera);
         }
+        for link in &self.links {
+            row(t, &format!("link to node {}", link.node), &link.to_string());
+        }
         row(t, "jams, slips, drops", &counts([self.jams, self.slips, self.drops]));
         // A fall that only one of plant and controller counts must be visible.
         if self.drops.unwrap_or(0) > 0 || self.drops_noticed.unwrap_or(0) > 0 {
@@ -548,6 +578,7 @@ mod tests {
             servo_hash: "cd".into(),
             plant_hash: None,
             uncalibrated: Vec::new(),
+            links: Vec::new(),
         }
     }
 

@@ -181,6 +181,9 @@ impl Composition<'_> {
         self.operator.started(self.options.wait).await?;
         // Before the servos: without all nodes no drive is switched on.
         let peers = self.peers().await?;
+        if let Some(introduction) = &peers.introduction {
+            self.operator.trace.recorder().record(0, || recording::node("", introduction));
+        }
         let judge = entry_of(self.scenario)?.judge().map(|judge| Arc::new(Mutex::new(judge)));
         let (mut servos, jams) = self.start_servos(world, judge.clone())?;
         let services = self.services(servos.clock.clone());
@@ -222,10 +225,10 @@ impl Composition<'_> {
         let truth = beginning.truth(end, jams.count(), performed.kernel.account().documents);
         let hash = self.operator.trace.hash();
         let (hash, servo_hash) = (hash.hash(), hash.servo_hash());
-        let uncalibrated = self.uncalibrated;
+        let (uncalibrated, links) = (self.uncalibrated, staff.nodes.links());
         let judgement = truth.as_ref().map(|truth| judged(&judge, scenario, truth));
         let judgement = judgement.transpose()?.flatten();
-        Ok(Done { judgement, performed, truth, by_hand, hash, servo_hash, uncalibrated })
+        Ok(Done { judgement, performed, truth, by_hand, hash, servo_hash, uncalibrated, links })
     }
 
     /// Waits until all other nodes on the wall clock have joined the run.
@@ -350,7 +353,7 @@ impl Composition<'_> {
         let mut nodes = Nodes::start(config, self.scenario.seed, &self.faults, services, peers);
         let beside = (&self.faults, &nodes);
         let drivers = start_drivers(config, servos, services, beside, by_hand);
-        nodes.begin(drivers.edps(), servos, services).await?;
+        nodes.begin(config, drivers.edps(), servos, services).await?;
         home(&drivers, &config.cell, services, resumes).await?;
         start_actors(config, drivers, sources, services, (&self.faults, nodes)).await
     }

@@ -18,9 +18,12 @@ use crate::actors::clock::Clock;
 use crate::actors::control::{Control, Tempo};
 use crate::actors::ecp::{self, Surroundings};
 use crate::actors::edp;
+use crate::actors::latest::LatestValues;
 use crate::actors::manner::manner;
 use crate::actors::mp::Turning;
-use crate::actors::remote::{Host, Introduction, Left, Offset, Receiver, Sender, ToHome, ToNode};
+use crate::actors::remote::{
+    Host, Introduction, Left, Offset, Receiver, Sender, ToHome, ToNode, send_notices, send_pictures,
+};
 use crate::actors::services::Services;
 use crate::actors::trace::Trace;
 use crate::actors::tuning::Tuning;
@@ -31,7 +34,7 @@ use crate::emergency_stop::EmergencyStop;
 use crate::error::{Error, System};
 use crate::hw::driver::{Switches, Timing};
 use crate::motion::ArmState;
-use crate::net::{self, End};
+use crate::net::{self, End, Traffic};
 use crate::operator::parameter::Courses;
 use crate::reach::guard::Guard;
 use crate::record::recorder::Recorder;
@@ -73,6 +76,8 @@ pub(crate) struct NodeEnd {
     pub(crate) seconds: f64,
     /// Punctuality of the servo, in lines for the operator.
     pub(crate) timing: String,
+    /// Bytes sent to MP's node and received from it.
+    pub(crate) traffic: Traffic,
 }
 
 /// Waits for MP's node and serves it for one run. `announce` is called with each line for the
@@ -137,6 +142,7 @@ impl Parts<'_> {
             }
         };
         let run = introduction.run;
+        self.context.recorder.record(0, || recording::node(&self.node.name, &introduction));
         self.sender = self.sender.of_run(run);
         let begun = self.begin(run, &stop, &control);
         let begun = begun.inspect_err(|error| {
@@ -178,8 +184,8 @@ impl Parts<'_> {
             Left::Alone(why) => Some(alone(why)),
             Left::Failed(error) => Some(error),
         };
-        let servo_hash = trace.hash().servo_hash();
-        Ok(NodeEnd { error: stopped.fault.or(error), servo_hash, seconds, timing })
+        let (servo_hash, traffic) = (trace.hash().servo_hash(), self.sender.traffic());
+        Ok(NodeEnd { error: stopped.fault.or(error), servo_hash, seconds, timing, traffic })
     }
 
     /// Waits for a request to join that this node accepts.
@@ -223,13 +229,11 @@ impl Parts<'_> {
         let (world, sources, notes) = World::of_hardware(scenario, name, control)?;
         let log = notes.map(|notes| BridgeLog::start(notes, &scenario.controller.cell));
         let log = log.transpose()?;
-        let (trace, mut notices) =
-            Trace::new(RunHash::default(), self.context.recorder.clone(), None);
-        tokio::spawn(async move {
-            while let Some(notice) = notices.recv().await {
-                tracing::warn!("{notice:?}");
-            }
-        });
+        // The pictures among the latest values go to MP's node.
+        let latest = LatestValues::default();
+        let recorder = self.context.recorder.clone();
+        let (trace, notices) = Trace::new(RunHash::default(), recorder, Some(latest.clone()));
+        send_notices(notices, self.sender.clone());
         let switches = Arc::new(Switches::new(stop.signal()));
         let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
         let mut servos = self.start_servos(world, (&trace, &clock, switches), stop, control)?;
@@ -249,6 +253,9 @@ impl Parts<'_> {
         let watchdog = services.supervision.watchdog.clone();
         let orders = (told, ordered);
         let host = self.actors((run, &mut servos), sources, &services, (orders, stop))?;
+        let (offset, watched) = (host.offset.clone(), Arc::clone(&host.watched));
+        send_pictures(latest, self.sender.clone(), offset, watched)
+            .map_err(|why| not_created("pictures", &why.to_string()))?;
         Ok(Begun { host, servos, trace, clock, watchdog, _log: log })
     }
 
@@ -341,6 +348,8 @@ impl Parts<'_> {
             control,
             courses,
             offset: Offset::default(),
+            recorder: self.context.recorder.clone(),
+            watched: Arc::default(),
             clock: services.clock.clone(),
             switches: Arc::clone(&servos.switches),
             stop_button: stop.button(),

@@ -19,8 +19,11 @@ use crate::actors::watchdog::{silent_node, within};
 use crate::actors::way::{BEAT, Carries, Toward, Way};
 use crate::error::Error;
 use crate::motion::{ArmState, PERIOD};
+use crate::net::Traffic;
+use crate::record::summary::LinkUse;
 use crate::scenario::ControllerConfig;
 use crate::scenario::node_keys::NodeConfig;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
@@ -70,11 +73,13 @@ impl Nodes {
     /// If the beats of a node do not come back.
     pub(super) async fn begin(
         &mut self,
+        config: &ControllerConfig,
         edps: &[EdpHandle],
         servos: &Servos,
         services: &Services,
     ) -> Result<(), Error> {
-        for peer in std::mem::take(&mut self.peers.waiting) {
+        for peer in &mut self.peers.all {
+            let Some(receiver) = peer.receiver.take() else { continue };
             let others = edps.iter().enumerate().filter(|(i, _)| !peer.node.edps.contains(i));
             let watch = Watch {
                 services: services.clone(),
@@ -82,8 +87,9 @@ impl Nodes {
                 stop_button: servos.stop_button.clone(),
                 states: others.map(|(i, edp)| (i, edp.watch())).collect(),
                 stopped: Arc::clone(&self.peers.stopped),
+                cameras: cameras(config, &peer.node),
             };
-            peer.home.start(peer.receiver, watch).await?;
+            peer.home.start(receiver, watch).await?;
         }
         Ok(())
     }
@@ -95,6 +101,20 @@ impl Nodes {
         for peer in &self.peers.all {
             peer.home.gone(limit).await;
         }
+    }
+
+    /// Returns the use of the links to the nodes on the wall clock.
+    pub(super) fn links(&self) -> Vec<LinkUse> {
+        let used = self.peers.all.iter().map(|peer| {
+            let Traffic { sent, received } = peer.home.traffic();
+            LinkUse {
+                node: peer.node.name.clone(),
+                time_s: peer.asked.elapsed().as_secs_f64(),
+                sent_bytes: sent,
+                received_bytes: received,
+            }
+        });
+        used.collect()
     }
 
     /// Returns the link to the node on the wall clock that has the ECP and the EDP of an effector;
@@ -179,6 +199,16 @@ impl Nodes {
     fn way_to(&self, has: impl Fn(&NodeConfig) -> bool) -> Option<&Way> {
         self.modelled.iter().find(|(node, _)| has(node)).map(|(_, way)| way)
     }
+}
+
+/// Returns the cameras of a node: index, and size of the pictures (px).
+fn cameras(config: &ControllerConfig, node: &NodeConfig) -> BTreeMap<usize, (u32, u32)> {
+    let cameras = node.vsps.iter().filter_map(|&vsp| config.vsps[vsp].camera);
+    let size = |camera: usize| {
+        let optics = &config.cell.cameras[camera].intrinsics;
+        (camera, (optics.width, optics.height))
+    };
+    cameras.map(size).collect()
 }
 
 /// Lets a node send beats, and raises an error once they do not arrive.

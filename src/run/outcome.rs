@@ -21,7 +21,7 @@ use crate::hw::plant::verdict::{self, Event};
 use crate::hw::plant::{self, Incident, Verdict};
 use crate::operator::{OutcomeView, run_remedy};
 use crate::record::summary::{
-    Accident, EndedBy, Exertion, Outcome, Phase, SensorPeak, Summary, Violations,
+    Accident, EndedBy, Exertion, LinkUse, Outcome, Phase, SensorPeak, Summary, Violations,
 };
 use crate::registry::{Judgement, Truth};
 use crate::scenario::{ControllerConfig, Scenario};
@@ -49,6 +49,8 @@ pub(super) struct Done {
     pub(super) servo_hash: String,
     /// Cameras that could not be calibrated before the run, each with the reason.
     pub(super) uncalibrated: Vec<String>,
+    /// Use of the links to other nodes.
+    pub(super) links: Vec<LinkUse>,
 }
 
 /// Returns the summary of a run that `error` ended before its task began.
@@ -144,6 +146,7 @@ pub(super) fn summary(
         hash: done.hash.clone(),
         servo_hash: done.servo_hash.clone(),
         uncalibrated: done.uncalibrated.clone(),
+        links: done.links.clone(),
         plant_hash: truth.map(|t| format!("{:08x}", t.bounds)),
     }
 }

@@ -10,7 +10,7 @@ use crate::net::{self, End, Session};
 use crate::record::build;
 use crate::scenario::Scenario;
 use crate::scenario::node_keys::NodeConfig;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Longest time in which a node joins. It opens its devices meanwhile.
 const JOINS: Duration = Duration::from_secs(30);
@@ -24,10 +24,10 @@ const LOSSES: u32 = 3;
 pub(super) struct Peers {
     /// The nodes.
     pub(super) all: Vec<Peer>,
-    /// Nodes with which the exchange has not begun.
-    pub(super) waiting: Vec<Waiting>,
     /// Longest time of a value on its way.
     pub(super) way: Duration,
+    /// Facts by which MP's node has introduced itself; `None` without other nodes.
+    pub(super) introduction: Option<Introduction>,
     /// Nodes with a stopped arm.
     pub(super) stopped: Stopped,
     /// Session that carries the links; `None` without other nodes.
@@ -42,16 +42,11 @@ pub(super) struct Peer {
     pub(super) home: Home,
     /// Effectors of the node, each with whether its arm is synchronised.
     pub(super) arms: Joined,
-}
-
-/// Link to a node that has joined a run, before the exchange begins.
-pub(super) struct Waiting {
-    /// Actors of the node.
-    pub(super) node: NodeConfig,
-    /// End of the link to it.
-    pub(super) home: Home,
-    /// Messages that come by the link.
-    pub(super) receiver: Receiver<ToHome>,
+    /// Time at which the node was first asked to join.
+    pub(super) asked: Instant,
+    /// Messages that come by the link; `None` until the node has joined, and once the exchange has
+    /// begun.
+    pub(super) receiver: Option<Receiver<ToHome>>,
 }
 
 impl Drop for Peers {
@@ -68,6 +63,13 @@ impl Peers {
     /// ended before.
     pub(super) fn dismiss(&self) -> usize {
         self.all.iter().filter(|peer| peer.home.dismiss()).count()
+    }
+
+    /// Adds a node that has not joined yet, and returns it.
+    fn add(&mut self, node: &NodeConfig, home: Home) -> &mut Peer {
+        let (node, asked, last) = (node.clone(), Instant::now(), self.all.len());
+        self.all.push(Peer { node, home, arms: Vec::new(), asked, receiver: None });
+        &mut self.all[last]
     }
 
     /// Asks all other nodes of a scenario to take part in the run. On the virtual clock there are
@@ -95,9 +97,10 @@ impl Peers {
             let home = Home::new(&node.name, Sender::new(link, introduction.run), trip, way);
             let mut receiver = Receiver::new(parcels).of_run(introduction.run);
             // A node that joins too late is told that the run is over.
-            peers.all.push(Peer { node: node.clone(), home: home.clone(), arms: Vec::new() });
+            let peer = peers.add(node, home);
             tracing::info!("waiting for node {} at {}", node.name, node.endpoint);
-            let joined = home.join(&mut receiver, &introduction, JOINS).await.map_err(|why| {
+            let joined = peer.home.join(&mut receiver, &introduction, JOINS).await;
+            peer.arms = joined.map_err(|why| {
                 failed(format!(
                     "{why}; it is to run at {} by `rubik-robot node {} --scenario {}`",
                     node.endpoint,
@@ -106,13 +109,10 @@ impl Peers {
                 ))
             })?;
             // While the others join, the arms of this one stand by.
-            home.keep_alive();
-            if let Some(peer) = peers.all.last_mut() {
-                peer.arms = joined;
-            }
-            peers.waiting.push(Waiting { node: node.clone(), home, receiver });
+            peer.home.keep_alive();
+            peer.receiver = Some(receiver);
         }
-        peers.session = Some(session);
+        (peers.session, peers.introduction) = (Some(session), Some(introduction));
         Ok(peers)
     }
 }

@@ -7,9 +7,11 @@
 use super::gate::Outer;
 use crate::actors::clock::Clock;
 use crate::actors::control::Control;
+use crate::actors::remote::Introduction;
 use crate::emergency_stop::StopSignal;
 use crate::hw::driver::{Histogram, RecordSink, Timing};
 use crate::operator::Input;
+use crate::record::merge;
 use crate::record::recorder::{Both, Entry, Recorder};
 use std::fmt::Write;
 use std::time::Duration;
@@ -90,6 +92,18 @@ async fn follow_control(
             record(input);
         }
     }
+}
+
+/// Returns the entry by which the recordings of all nodes of a run belong together. `name` is that
+/// of the node, empty for MP's.
+pub(super) fn node(name: &str, introduction: &Introduction) -> Entry {
+    let Introduction { run, scenario, .. } = introduction;
+    let facts = [
+        (merge::NODE, name.to_owned()),
+        (merge::RUN, format!("{run:016x}")),
+        (merge::SCENARIO, format!("{scenario:08x}")),
+    ];
+    Entry::Facts(merge::OF_NODE, facts.map(|(name, value)| (name.to_owned(), value)).to_vec())
 }
 
 /// Returns the timing of the servo as an entry of the recording: each histogram as words

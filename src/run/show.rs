@@ -14,7 +14,7 @@ use crate::cell::Cell;
 use crate::desk::{Desk, Pictures, RunEnd};
 use crate::hw::driver::{NoRecords, RecordSink, ServoRecord};
 use crate::kernel::Picture;
-use crate::motion::{AXES, ArmFault, ArmState, JointPositions, Synchronisation};
+use crate::motion::{AXES, ArmFault, ArmState, JointPositions, PERIOD, Synchronisation};
 use crate::operator::{Class, ControlView, History, Input, OutcomeView, Services, Snapshot};
 use crate::record::reading::{End, Label, Message, Piece, Reading, Unreadable};
 use crate::record::sensed::{self, Sensed};
@@ -176,7 +176,7 @@ impl Show {
             "/operator" => self.take_input(time, data),
             "/sensed" => self.take_sensed(time, data, loading),
             "/tf" => self.take_objects(time, data, loading),
-            topic if topic.ends_with("/image") => self.take_picture(data, loading),
+            topic if topic.ends_with("/image") => self.take_picture(time, topic, data, loading),
             topic if topic.ends_with("/servo") => self.take_tick(time, data, loading),
             // A malformed message makes a recording unreadable, shown or not.
             _ => cdr::Reader::new(data).map(drop),
@@ -241,7 +241,7 @@ impl Show {
             self.push(time, data.len(), Event::Reading(sensed.sensor, shown));
             return Ok(());
         };
-        loading.looked = Some((camera, self.events.len()));
+        loading.looked.insert(camera, self.events.len());
         let what = Event::Sight(camera, sensed.period, None, found(sensed.found));
         self.push(time, data.len(), what);
         Ok(())
@@ -262,18 +262,31 @@ impl Show {
         Ok(())
     }
 
-    /// Adds a picture to the look before it, which holds the result that vision found in this
-    /// picture.
-    fn take_picture(&mut self, data: &[u8], loading: &mut Loading) -> Result<(), cdr::Malformed> {
+    /// Adds a picture to the look of its camera before it, which holds the result that vision found
+    /// in this picture. A camera on another node has pictures without looks.
+    fn take_picture(
+        &mut self,
+        time: f64,
+        topic: &str,
+        data: &[u8],
+        loading: &mut Loading,
+    ) -> Result<(), cdr::Malformed> {
         let mut from = cdr::Reader::new(data)?;
         from.header()?;
         from.string()?;
         let jpeg = Arc::new(from.u8_sequence()?.to_vec());
-        if let Some((_, at)) = loading.looked.take()
-            && let Some((_, Event::Sight(_, _, picture, _))) = self.events.get_mut(at)
-        {
-            self.held += jpeg.len();
-            *picture = Some(jpeg);
+        let is_of = |name: &str| topic.strip_prefix('/') == Some(&format!("{name}/image"));
+        let mut cameras = loading.cell.cameras.iter();
+        let Some(camera) = cameras.position(|camera| is_of(&camera.name)) else { return Ok(()) };
+        if let Some(at) = loading.looked.remove(&camera) {
+            if let Some((_, Event::Sight(_, _, picture, _))) = self.events.get_mut(at) {
+                self.held += jpeg.len();
+                *picture = Some(jpeg);
+            }
+        } else {
+            let (size, period) = (jpeg.len(), (time / PERIOD).round() as u64);
+            let found = Found::Nothing(String::new());
+            self.push(time, size, Event::Sight(camera, period, Some(jpeg), found));
         }
         Ok(())
     }
@@ -391,8 +404,8 @@ struct Loading {
     states: u64,
     /// Last state of each arm, and the largest values since the last state that was kept.
     arms: Vec<(ArmState, Peaks)>,
-    /// Camera that looked last, and the index of its event. The message with the picture follows.
-    looked: Option<(usize, usize)>,
+    /// Index of the event of each camera's last look. The message with its picture may follow.
+    looked: BTreeMap<usize, usize>,
     /// Last poses of the loose objects.
     objects: Vec<(String, Pose)>,
 }
@@ -403,7 +416,7 @@ impl Loading {
     fn new(cell: &Cell, period: f64) -> Self {
         let arms = cell.arms.iter().map(|_| (ArmState::default(), Peaks::default())).collect();
         let states = Length::of_seconds(period).count(PERIODS_PER_STATE).into();
-        Self { cell: cell.clone(), states, arms, looked: None, objects: Vec::new() }
+        Self { cell: cell.clone(), states, arms, looked: BTreeMap::new(), objects: Vec::new() }
     }
 
     /// Takes a servo tick into the state and the peaks of its arm. Once every `states` periods

@@ -350,6 +350,7 @@ fn commands_refuse_same_path_for_input_and_output() {
         &["calibrate", scenario, "-o", scenario],
         &["report", scenario, "-o", &again],
         &["recover", scenario, "-o", scenario],
+        &["merge", scenario, other, "-o", &again],
     ] {
         let before = std::fs::read(scenario).unwrap();
 
@@ -415,6 +416,7 @@ fn file_that_cannot_be_read_exits_2() {
         &["report", "FILE", "-o", new],
         &["film", "FILE", "-o", &film],
         &["recover", "FILE", "-o", new],
+        &["merge", "FILE", "scenarios/idle.toml", "-o", new],
         &["vision", "face", "FILE"],
         &["vision", "locate", "FILE", "--fx", "600"],
         &["vision", "stages", "FILE"],

@@ -136,6 +136,7 @@ impl Presenter {
                 self.fatal |= class == Class::Fatal;
                 self.say(*time, class, actor, &error.to_string());
             }
+            Notice::Elsewhere(time, class, who, text) => self.recorded(*time, *class, who, text),
             Notice::Over(outcome) => {
                 let class = if outcome.good { Class::Info } else { Class::Warning };
                 let text = format!("{}: {}", outcome.verdict, outcome.reason);

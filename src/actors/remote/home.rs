@@ -10,11 +10,13 @@ use super::line::{Receiver, Sender};
 use super::message::{
     Answer, Ask, EcpAsk, EdpAsk, HomeBeat, Introduction, NodeBeat, Tell, ToHome, ToNode,
 };
+use super::notices;
+use super::pictures::Album;
 use crate::actors::clock::Clock;
 use crate::actors::ecp::{self, EcpHandle, Report};
 use crate::actors::edp::{self, EdpHandle};
-use crate::actors::latest::LatestValues;
 use crate::actors::services::Services;
+use crate::actors::trace::Trace;
 use crate::actors::vsp::{self, VspHandle};
 use crate::actors::watchdog::{Watchdog, silent_node};
 use crate::actors::way::BEAT;
@@ -22,7 +24,8 @@ use crate::emergency_stop::StopButton;
 use crate::error::{Error, System};
 use crate::generators::{Outcome, Target};
 use crate::hw::driver::Switches;
-use crate::motion::ArmState;
+use crate::motion::{ArmState, PERIOD};
+use crate::net::Traffic;
 use crate::vision::sensor::FaceReading;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -72,6 +75,8 @@ struct Desk {
     dismissed: bool,
     /// Whether the exchange has begun.
     begun: bool,
+    /// Whether someone watches the run, or records it.
+    watched: bool,
     beats: Beats,
     /// Time of the last beat of the node that shows that messages come in time.
     timely: Option<Instant>,
@@ -104,6 +109,17 @@ pub(crate) struct Watch {
     pub(crate) states: Vec<(usize, watch::Receiver<ArmState>)>,
     /// Nodes with a stopped arm, which all links of the run share.
     pub(crate) stopped: Stopped,
+    /// Cameras of the node: index, and size of the pictures (px).
+    pub(crate) cameras: BTreeMap<usize, (u32, u32)>,
+}
+
+/// Places at MP's node to which the messages of a node go, beside its requesters.
+struct Local {
+    arms: Arms,
+    clock: Clock,
+    watchdog: Watchdog,
+    trace: Trace,
+    album: Album,
 }
 
 /// Switches of the servos of MP's node, as the beats of other nodes set them.
@@ -205,18 +221,21 @@ impl Home {
         mut receiver: Receiver<ToHome>,
         watch: Watch,
     ) -> Result<(), Error> {
-        let Watch { services, switches, stop_button, states, stopped } = watch;
+        let Watch { services, switches, stop_button, states, stopped, cameras } = watch;
         let Services { clock, control, tuning, trace, supervision, .. } = services;
         self.desk().begun = true;
-        self.send_beats(clock, Arc::clone(&switches), supervision.watchdog.clone());
-        let (home, latest) = (self.clone(), trace.latest().cloned());
-        let watchdog = supervision.watchdog.clone();
+        self.desk().watched = trace.latest().is_some() || trace.is_recorded();
+        self.send_beats(clock.clone(), Arc::clone(&switches), supervision.watchdog.clone());
+        let album = Album::new(&self.name, cameras, &trace);
+        let album = album.map_err(|why| self.failed(why.to_string()))?;
+        let (home, watchdog) = (self.clone(), supervision.watchdog.clone());
         let arms = Arms { switches, stop_button, stopped };
+        let mut local = Local { arms, clock, watchdog, trace, album };
         tokio::spawn(async move {
             while let Some(message) = receiver.recv().await {
                 match message {
-                    Ok(message) => home.take(message, &arms, &watchdog, latest.as_ref()),
-                    Err(why) => watchdog.raise(home.failed(why)),
+                    Ok(message) => home.take(message, &mut local),
+                    Err(why) => local.watchdog.raise(home.failed(why)),
                 }
             }
         });
@@ -238,6 +257,11 @@ impl Home {
     pub(crate) async fn gone(&self, limit: Instant) {
         let mut ended = self.ended.subscribe();
         let _ = tokio::time::timeout_at(limit, ended.wait_for(|ended| *ended)).await;
+    }
+
+    /// Returns the traffic of this end of the link.
+    pub(crate) fn traffic(&self) -> Traffic {
+        self.sender.traffic()
     }
 
     /// Sends no beat any more, as a node that is dead.
@@ -406,11 +430,12 @@ impl Home {
 
     /// Sends a beat.
     fn send_beat(&self, period: Option<u64>, pressed: bool, stands_by: bool) {
-        let (number, echo) = {
-            let beats = &mut self.desk().beats;
-            (beats.next(), beats.echo())
+        let (number, echo, watched) = {
+            let mut desk = self.desk();
+            (desk.beats.next(), desk.beats.echo(), desk.watched)
         };
-        self.sender.send(&ToNode::Beat(HomeBeat { number, period, echo, pressed, stands_by }));
+        let beat = HomeBeat { number, period, echo, pressed, stands_by, watched };
+        self.sender.send(&ToNode::Beat(beat));
     }
 
     /// Sends a value of MP's node, now and at each change, as `tell` writes it.
@@ -443,19 +468,14 @@ impl Home {
     }
 
     /// Takes a message of the node.
-    fn take(
-        &self,
-        message: ToHome,
-        arms: &Arms,
-        watchdog: &Watchdog,
-        latest: Option<&LatestValues>,
-    ) {
+    fn take(&self, message: ToHome, local: &mut Local) {
         let mut desk = self.desk();
         match message {
             ToHome::Answer { number, answer } => {
                 let waiting = desk.asked.remove(&number);
                 if !waiting.is_some_and(|waiting| waiting.answer(answer)) {
-                    watchdog.raise(self.failed(format!("an answer to no request, {number}")));
+                    let why = format!("an answer to no request, {number}");
+                    local.watchdog.raise(self.failed(why));
                 }
             }
             ToHome::Report(effector, report) => {
@@ -463,13 +483,13 @@ impl Home {
                     let _ = to_mp.send(report);
                 }
             }
-            ToHome::Failed(error) => watchdog.raise(error),
+            ToHome::Failed(error) => local.watchdog.raise(error),
             ToHome::Beat(beat) => {
                 self.take_beat(&mut desk, &beat);
-                arms.take(&self.name, &beat);
+                local.arms.take(&self.name, &beat);
             }
             ToHome::State(effector, state) => {
-                if let Some(latest) = latest {
+                if let Some(latest) = local.trace.latest() {
                     latest.state(effector, &state);
                 }
                 if let Some(to) = desk.states.get(&effector) {
@@ -481,6 +501,11 @@ impl Home {
                     to.send_replace(target);
                 }
             }
+            ToHome::Notice { class, who, text } => {
+                let seconds = local.clock.period() as f64 * PERIOD;
+                local.trace.tell(notices::of_node(&self.name, seconds, (class, who, text)));
+            }
+            ToHome::Picture(shown) => local.album.take(shown, local.clock.period()),
             // Answers to requests to join that were repeated.
             ToHome::Joined { .. } | ToHome::Refused { .. } => {}
             ToHome::Ended => drop(self.ended.send_replace(true)),

@@ -24,9 +24,10 @@ use crate::error::{Error, System};
 use crate::hw::driver::Switches;
 use crate::motion::ArmState;
 use crate::operator::parameter::Courses;
+use crate::record::recorder::{Entry, Recorder};
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::Instant;
@@ -56,6 +57,10 @@ pub(crate) struct Host {
     pub(crate) courses: watch::Sender<Courses>,
     /// Difference of the periods.
     pub(crate) offset: Offset,
+    /// Recorder of the node.
+    pub(crate) recorder: Recorder,
+    /// Whether someone watches or records the run at MP's node.
+    pub(crate) watched: Arc<AtomicBool>,
     /// Clock of the node.
     pub(crate) clock: Clock,
     /// Switches of the node's servos.
@@ -176,6 +181,7 @@ impl Host {
             self.stop_button.press();
         }
         self.switches.stands_by.store(beat.stands_by, Ordering::Release);
+        self.watched.store(beat.watched, Ordering::Relaxed);
         let trip = beat.echo.map(|echo| course.beats.trip(echo));
         if trip.is_some_and(|trip| trip > SILENT + 2 * self.way) {
             return;
@@ -183,8 +189,14 @@ impl Host {
         course.timely = Instant::now();
         self.switches.beats.fetch_add(1, Ordering::Relaxed);
         if let (Some(trip), Some(period)) = (trip, beat.period) {
-            course.estimator.beat(trip.as_secs_f64(), period, self.clock.period());
-            course.mapped.send_if_modified(|mapped| !std::mem::replace(mapped, true));
+            let (here, before) = (self.clock.period(), self.offset.periods());
+            course.estimator.beat(trip.as_secs_f64(), period, here);
+            let newly = course.mapped.send_if_modified(|mapped| !std::mem::replace(mapped, true));
+            let offset = self.offset.periods();
+            // A merged recording counts in the periods of MP's node.
+            if newly || offset != before {
+                self.recorder.record(here, || Entry::Offset(offset));
+            }
         }
     }
 
@@ -242,20 +254,15 @@ impl Host {
     fn ask(&self, number: u64, ask: Ask, queues: &Queues) {
         match ask {
             Ask::Edp(effector, ask) => {
-                let Some(edp) = queues.edps.get(&effector) else { return };
-                let (reply, answer) = oneshot::channel();
-                let request = match ask {
+                let request = |reply| match ask {
                     EdpAsk::Synchronise => edp::Request::Synchronise { reply },
                     EdpAsk::State => edp::Request::State { reply },
                 };
-                let _ = edp.send(request);
-                self.answer(number, answer, Answer::State);
+                self.pass(number, queues.edps.get(&effector), request, Answer::State);
             }
             Ask::Look(index, view) => {
-                let Some(vsp) = queues.vsps.get(&index) else { return };
-                let (reply, answer) = oneshot::channel();
-                let _ = vsp.send(vsp::Look { view, reply });
-                self.answer(number, answer, Answer::Face);
+                let look = |reply| vsp::Look { view, reply };
+                self.pass(number, queues.vsps.get(&index), look, Answer::Face);
             }
             Ask::Ecp(effector, ask) => self.ask_ecp(number, (effector, ask), queues),
         }
@@ -264,33 +271,47 @@ impl Host {
     /// Passes a request on to an ECP.
     fn ask_ecp(&self, number: u64, (effector, ask): (usize, EcpAsk), queues: &Queues) {
         use ecp::Request;
-        let Some(ecp) = queues.ecps.get(&effector) else { return };
-        let (reply, answer) = oneshot::channel();
-        let request = match ask {
-            EcpAsk::Bias => Request::Bias { reply },
-            EcpAsk::Synchronise => Request::Synchronise { reply },
-            EcpAsk::Adjust(adjustment) => Request::Adjust { adjustment, reply },
-            EcpAsk::State => Request::State { reply },
+        let ecp = queues.ecps.get(&effector);
+        let state = |request: fn(oneshot::Sender<Result<ArmState, Error>>) -> Request| {
+            self.pass(number, ecp, request, Answer::State);
+        };
+        match ask {
+            EcpAsk::Bias => state(|reply| Request::Bias { reply }),
+            EcpAsk::Synchronise => state(|reply| Request::Synchronise { reply }),
+            EcpAsk::State => state(|reply| Request::State { reply }),
+            EcpAsk::Adjust(adjustment) => {
+                let adjust = |reply| Request::Adjust { adjustment, reply };
+                self.pass(number, ecp, adjust, Answer::State);
+            }
             EcpAsk::Behave(behaviour, begins) => {
                 let begins = self.offset.here(begins);
-                let (reply, answer) = oneshot::channel();
-                let _ = ecp.send(Request::Behave { behaviour, begins, reply });
-                return self.answer(number, answer, Answer::Behaved);
+                let behave = |reply| Request::Behave { behaviour, begins, reply };
+                self.pass(number, ecp, behave, Answer::Behaved);
             }
             EcpAsk::Look(view) => {
-                let (reply, answer) = oneshot::channel();
-                let _ = ecp.send(Request::Look { view, reply });
-                return self.answer(number, answer, Answer::Face);
+                self.pass(number, ecp, |reply| Request::Look { view, reply }, Answer::Face);
             }
             EcpAsk::Start(programme) => {
-                let (reply, answer) = oneshot::channel();
                 let to_mp = self.outbox(effector);
-                let _ = ecp.send(Request::Start { programme, to_mp, reply });
-                return self.answer(number, answer, Answer::Begun);
+                let start = |reply| Request::Start { programme, to_mp, reply };
+                self.pass(number, ecp, start, Answer::Begun);
             }
-        };
-        let _ = ecp.send(request);
-        self.answer(number, answer, Answer::State);
+        }
+    }
+
+    /// Passes a request on to an actor by its queue, if the node has that actor: `request` makes it
+    /// with the channel of the answer, which `wrap` makes a message to MP's node.
+    fn pass<R, T: AtHome + Send + 'static>(
+        &self,
+        number: u64,
+        queue: Option<&mpsc::UnboundedSender<R>>,
+        request: impl FnOnce(oneshot::Sender<Result<T, Error>>) -> R,
+        wrap: fn(Result<T, Error>) -> Answer,
+    ) {
+        let Some(queue) = queue else { return };
+        let (reply, answer) = oneshot::channel();
+        let _ = queue.send(request(reply));
+        self.answer(number, answer, wrap);
     }
 
     /// Passes a message without an answer on to its actor.

@@ -4,14 +4,17 @@
 //! - out: bytes to a link; messages, or the fault of one
 //!
 //! A network may drop a message without a word, so each has a number, and a gap is a fault. Values
-//! have no number: newer ones follow. Messages of another run, whose processes may still be there,
-//! are dropped.
+//! and pictures have no number: newer ones follow. A picture that cannot be read is refused without
+//! a fault. Messages of another run, whose processes may still be there, are dropped.
 
-use crate::net::{Lane, Link, Parcels};
+use crate::net::{Lane, Link, Parcels, Traffic};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::marker::PhantomData;
 use std::sync::{Arc, Mutex, PoisonError};
+
+/// Most bytes of a message. A picture has at most a quarter of them.
+const LONGEST: usize = 1 << 20;
 
 /// Message that a link carries.
 pub(crate) trait Carried: Serialize + DeserializeOwned {
@@ -51,6 +54,11 @@ impl<T: Carried> Sender<T> {
         Self::new(Arc::clone(&self.link), run)
     }
 
+    /// Returns the traffic of this end of the link.
+    pub(crate) fn traffic(&self) -> Traffic {
+        self.link.traffic()
+    }
+
     /// Sends a message. It does not wait for the other node.
     pub(crate) fn send(&self, message: &T) {
         let lane = message.lane();
@@ -75,13 +83,15 @@ pub(crate) struct Receiver<T> {
     run: Option<u64>,
     /// Number of the next message.
     next: u64,
+    /// Whether a picture has been refused.
+    has_refused: bool,
     messages: PhantomData<fn() -> T>,
 }
 
 impl<T: Carried> Receiver<T> {
     /// Makes the receiving end over a link.
     pub(crate) fn new(parcels: Parcels) -> Self {
-        Self { parcels, run: None, next: 0, messages: PhantomData }
+        Self { parcels, run: None, next: 0, has_refused: false, messages: PhantomData }
     }
 
     /// Returns this end for the messages of one run.
@@ -96,14 +106,24 @@ impl<T: Carried> Receiver<T> {
     pub(crate) async fn recv(&mut self) -> Option<Result<T, String>> {
         loop {
             let (lane, parcel) = self.parcels.recv().await?;
-            if let Some(read) = self.read(lane, &parcel).transpose() {
-                return Some(read);
+            match self.read(lane, &parcel).transpose() {
+                // Pictures are for people: a wrong one must not end a run.
+                Some(Err(why)) if lane == Lane::Pictures => {
+                    if !std::mem::replace(&mut self.has_refused, true) {
+                        tracing::warn!("a picture of another node was refused: {why}");
+                    }
+                }
+                Some(read) => return Some(read),
+                None => {}
             }
         }
     }
 
     /// Reads a message, and checks that its number is the next one; `None` for one of another run.
     fn read(&mut self, lane: Lane, parcel: &[u8]) -> Result<Option<T>, String> {
+        if parcel.len() > LONGEST {
+            return Err(format!("a message of {} bytes is too long", parcel.len()));
+        }
         let (run, number, message): (u64, u64, T) = rmp_serde::from_slice(parcel)
             .map_err(|why| format!("a message cannot be read: {why}"))?;
         if message.lane() != lane {
@@ -155,6 +175,33 @@ mod tests {
 
         assert_eq!(receiver.recv().await, Some(Ok(control())));
         assert_eq!(receiver.recv().await, Some(Err("message 2 came in the place of 1".into())));
+    }
+
+    /// A picture that cannot be read, and a message on its lane, end no run.
+    #[tokio::test]
+    async fn wrong_pictures_are_left_out() {
+        let [(there, mut kept), (back, parcels)] = pair();
+        let sender = Sender::new(back, 5);
+        let mut receiver = Receiver::<ToNode>::new(parcels).of_run(5);
+        sender.send(&control());
+        let (_, parcel) = kept.try_recv().unwrap();
+
+        there.send(Lane::Pictures, vec![0xc1; 3]);
+        there.send(Lane::Pictures, parcel.clone());
+        there.send(Lane::Messages, parcel);
+
+        assert_eq!(receiver.recv().await, Some(Ok(control())));
+    }
+
+    #[tokio::test]
+    async fn messages_beyond_the_limit_are_refused() {
+        let [(there, _kept), (_, parcels)] = pair();
+        let mut receiver = Receiver::<ToNode>::new(parcels).of_run(5);
+
+        there.send(Lane::Values, vec![0; LONGEST + 1]);
+
+        let why = receiver.recv().await.unwrap().unwrap_err();
+        assert_eq!(why, "a message of 1048577 bytes is too long");
     }
 
     #[tokio::test]

@@ -5,15 +5,18 @@
 use super::line::Carried;
 use crate::actors::control::Control;
 use crate::actors::ecp::Report;
+use crate::actors::latest::Found;
 use crate::actors::move_instruction::Ending;
 use crate::error::Error;
 use crate::generators::{Behaviour, Outcome, Sensing, Target};
 use crate::kernel::{Adjustment, Programme, Signal, View};
 use crate::motion::ArmState;
 use crate::net::Lane;
+use crate::operator::Class;
 use crate::operator::parameter::Courses;
 use crate::vision::sensor::FaceReading;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+use std::fmt;
 
 /// Facts by which two nodes see that they belong together.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -119,6 +122,8 @@ pub(crate) struct HomeBeat {
     pub(crate) pressed: bool,
     /// Whether the arms of the node are to stand by.
     pub(crate) stands_by: bool,
+    /// Whether someone watches the run, or records it: pictures are wanted.
+    pub(crate) watched: bool,
 }
 
 /// Message to MP's node.
@@ -157,6 +162,17 @@ pub(crate) enum ToHome {
     State(usize, ArmState),
     /// Pose of the cube by the VSP with an index.
     Target(usize, Option<Target>),
+    /// Message of an actor to the operator.
+    Notice {
+        /// Class.
+        class: Class,
+        /// Name of the actor.
+        who: String,
+        /// Text.
+        text: String,
+    },
+    /// Picture of a camera.
+    Picture(Shown),
 }
 
 /// Answer of an actor.
@@ -170,6 +186,52 @@ pub(crate) enum Answer {
     Face(Result<FaceReading, Error>),
     /// Beginning of a programme.
     Begun(Result<(), Error>),
+}
+
+/// Picture of a camera of a node.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Shown {
+    /// Index of the camera.
+    pub(super) camera: usize,
+    /// Period of the exposure, of MP's node.
+    pub(super) period: u64,
+    /// Result of vision.
+    pub(super) found: Found,
+    /// The picture.
+    pub(super) file: JpegFile,
+}
+
+/// File of a picture.
+#[derive(Clone, PartialEq)]
+pub(super) struct JpegFile(pub(super) Vec<u8>);
+
+impl fmt::Debug for JpegFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} bytes", self.0.len())
+    }
+}
+
+impl Serialize for JpegFile {
+    /// Writes the bytes at once: as a list of numbers they would take half as much again.
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_bytes(&self.0)
+    }
+}
+
+impl<'de> Deserialize<'de> for JpegFile {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        struct Bytes;
+        impl de::Visitor<'_> for Bytes {
+            type Value = JpegFile;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("the bytes of a picture")
+            }
+            fn visit_bytes<E: de::Error>(self, bytes: &[u8]) -> Result<JpegFile, E> {
+                Ok(JpegFile(bytes.to_vec()))
+            }
+        }
+        from.deserialize_bytes(Bytes)
+    }
 }
 
 /// Sign of life of a node.
@@ -205,9 +267,12 @@ impl Carried for ToNode {
 impl Carried for ToHome {
     fn lane(&self) -> Lane {
         match self {
-            Self::Answer { .. } | Self::Report(..) | Self::Failed(_) | Self::Ended => {
-                Lane::Messages
-            }
+            Self::Answer { .. }
+            | Self::Report(..)
+            | Self::Failed(_)
+            | Self::Ended
+            | Self::Notice { .. } => Lane::Messages,
+            Self::Picture(_) => Lane::Pictures,
             Self::Joined { .. }
             | Self::Refused { .. }
             | Self::Beat(_)

@@ -9,7 +9,8 @@
 //! order to stop as well.
 //!
 //! - in: requests to actors, beats, the operator's control; a [`Link`](crate::net::Link)
-//! - out: answers, states of arms, poses of the cube; a system error if the other node is silent
+//! - out: answers, states of arms, poses of the cube; messages to the operator, pictures; a system
+//!   error if the other node is silent
 //!
 //! | fault | threshold | reaction |
 //! |---|---|---|
@@ -25,7 +26,9 @@ mod home;
 mod host;
 mod line;
 mod message;
+mod notices;
 mod offset;
+mod pictures;
 #[cfg(test)]
 mod tests;
 
@@ -33,7 +36,9 @@ pub(crate) use home::{Home, Joined, Stopped, Watch};
 pub(crate) use host::{Host, Left};
 pub(crate) use line::{Receiver, Sender};
 pub(crate) use message::{Introduction, ToHome, ToNode};
+pub(crate) use notices::send_notices;
 pub(crate) use offset::Offset;
+pub(crate) use pictures::send as send_pictures;
 
 use std::time::Duration;
 

@@ -22,14 +22,19 @@ const JUMP: i64 = 5;
 pub(crate) struct Offset(Arc<AtomicI64>);
 
 impl Offset {
+    /// Returns the number of periods by which those of MP's node are ahead of those of this node.
+    pub(crate) fn periods(&self) -> i64 {
+        self.0.load(Ordering::Relaxed)
+    }
+
     /// Returns a period of this node as one of MP's node.
     pub(crate) fn at_home(&self, period: u64) -> u64 {
-        period.saturating_add_signed(self.0.load(Ordering::Relaxed))
+        period.saturating_add_signed(self.periods())
     }
 
     /// Returns a period of MP's node as one of this node.
     pub(crate) fn here(&self, period: u64) -> u64 {
-        period.saturating_add_signed(-self.0.load(Ordering::Relaxed))
+        period.saturating_add_signed(-self.periods())
     }
 
     /// Returns a state of this node with its period as one of MP's node.
@@ -64,7 +69,7 @@ impl Estimator {
         let offset = home as i64 - (here as i64 - back);
         // A servo that misses periods makes its count fall behind at once: older beats are wrong
         // then, however fast they were.
-        let present = self.offset.0.load(Ordering::Relaxed);
+        let present = self.offset.periods();
         if (offset - present).abs() > back + JUMP {
             self.last.clear();
         }

@@ -6,6 +6,7 @@ use crate::actors::control::Control;
 use crate::actors::ecp::{self, EcpHandle};
 use crate::actors::edp::{self, EdpHandle};
 use crate::actors::manner::manner;
+use crate::actors::notice::Notice;
 use crate::actors::services::Services;
 use crate::actors::trace::Trace;
 use crate::actors::watchdog::{Watchdog, raised};
@@ -17,11 +18,12 @@ use crate::hw::driver::{self, Switches};
 use crate::motion::{ArmState, MoveRefused, Synchronisation};
 use crate::net::{Link, Parcels, pair};
 use crate::operator::parameter::{AllBounds, Courses};
+use crate::record::recorder::Recorder;
 use crate::record::run_hash::RunHash;
 use crate::servo::ServoCommand;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 
 /// Effector of the node.
@@ -50,12 +52,19 @@ struct Rig {
     home: Home,
     /// Period in which the servo took the last command, by the clock of the node.
     taken: watch::Receiver<u64>,
+    /// Sending end of the node, and the notices of MP's node.
+    there_sender: Sender<ToHome>,
+    notices: mpsc::Receiver<Notice>,
 }
 
-/// Makes services with a clock that begins now.
-fn services(switches: &Arc<Switches>, control: watch::Receiver<Control>) -> Services {
+/// Makes services with a clock that begins now, and the receiver of their notices.
+fn services(
+    switches: &Arc<Switches>,
+    control: watch::Receiver<Control>,
+) -> (Services, mpsc::Receiver<Notice>) {
     let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(switches));
-    Services::bare(clock, control, Trace::bare(RunHash::default()).0)
+    let (trace, notices) = Trace::bare(RunHash::default());
+    (Services::bare(clock, control, trace), notices)
 }
 
 /// Starts the servo of the node's arm, which publishes a state in each period.
@@ -94,7 +103,7 @@ fn host(
     let switches = Arc::new(Switches::new(stop.signal()));
     let (told, control) = watch::channel(Control::Waiting);
     let (ordered, _) = watch::channel(Courses::new(&AllBounds::default()));
-    let services = services(&switches, control.clone());
+    let (services, _) = services(&switches, control.clone());
     let (link_to_servo, taken) = servo(&services.clock);
     let config = super::example_config();
     let edp = edp::spawn("postument", link_to_servo, &services);
@@ -121,6 +130,8 @@ fn host(
         control: told,
         courses: ordered,
         offset: Offset::default(),
+        recorder: Recorder::default(),
+        watched: Arc::default(),
         clock: services.clock.clone(),
         switches: Arc::clone(&switches),
         stop_button: stop.button(),
@@ -141,8 +152,9 @@ async fn rig_over([near, far]: [(Arc<dyn Link>, Parcels); 2]) -> Rig {
     let (control, orders) = watch::channel(Control::Running);
     let stop = EmergencyStop::default();
     let switches = Arc::new(Switches::new(stop.signal()));
-    let services = services(&switches, orders);
+    let (services, notices) = services(&switches, orders);
     tokio::time::sleep(Duration::from_secs(1)).await;
+    let there_sender = Sender::new(Arc::clone(&far.0), RUN);
     let (node, there, there_stop, there_watchdog, there_control, taken) = host(far);
     let home = Home::new("b", Sender::new(near.0, RUN), 2 * WAY, WAY);
     let mut receiver = Receiver::new(near.1).of_run(RUN);
@@ -162,6 +174,7 @@ async fn rig_over([near, far]: [(Arc<dyn Link>, Parcels); 2]) -> Rig {
         stop_button: stop.button(),
         states: vec![],
         stopped: Arc::default(),
+        cameras: [].into(),
     };
     home.start(receiver, watch).await.unwrap();
     tokio::time::sleep(Duration::from_millis(200)).await;
@@ -180,6 +193,8 @@ async fn rig_over([near, far]: [(Arc<dyn Link>, Parcels); 2]) -> Rig {
         there_control,
         home,
         taken,
+        there_sender,
+        notices,
     }
 }
 
@@ -281,6 +296,31 @@ async fn stopped_arm_of_node_holds_the_others() {
     }
 }
 
+/// The operator at MP's node is told what an actor of the node reports, and of a wrong picture.
+#[tokio::test(start_paused = true)]
+async fn notices_of_node_reach_the_operator() {
+    let Rig { mut notices, there_sender, clock, watchdog, home, .. } = rig().await;
+    let carried = home.traffic().received;
+    // Numbers of the node's own messages would follow: this is the first one.
+    let (class, who) = (crate::operator::Class::Warning, "vsp gs1".to_owned());
+    there_sender.send(&ToHome::Notice { class, who, text: "dark".into() });
+    let file = super::message::JpegFile(vec![1, 2, 3]);
+    let found = crate::actors::latest::Found::Nothing(String::new());
+    let shown = super::message::Shown { camera: 4, period: 1, found, file };
+    there_sender.send(&ToHome::Picture(shown));
+
+    let told = [notices.recv().await, notices.recv().await].map(Option::unwrap);
+
+    let [Notice::Elsewhere(at, _, who, text), Notice::Elsewhere(.., why)] = &told else {
+        panic!("{told:?}")
+    };
+    assert_eq!((who.as_str(), text.as_str()), ("vsp gs1 on node b", "dark"));
+    assert!((at / crate::motion::PERIOD - clock.period() as f64).abs() <= 2.0, "{at}");
+    assert_eq!(why, "a picture was refused: camera 4 is not on this node");
+    assert!(watchdog.listen().borrow().is_none());
+    assert!(home.traffic().received > carried + 20);
+}
+
 #[tokio::test(start_paused = true)]
 async fn stop_pressed_at_node_stops_home() {
     let Rig { stop, there_stop, .. } = rig().await;
@@ -296,6 +336,10 @@ async fn stop_pressed_at_node_stops_home() {
 struct Slow(Arc<dyn Link>, watch::Receiver<Duration>);
 
 impl Link for Slow {
+    fn traffic(&self) -> crate::net::Traffic {
+        self.0.traffic()
+    }
+
     fn send(&self, lane: crate::net::Lane, parcel: Vec<u8>) {
         let (link, way) = (Arc::clone(&self.0), *self.1.borrow());
         tokio::spawn(async move {
@@ -305,7 +349,9 @@ impl Link for Slow {
     }
 }
 
-/// Beats still arrive in their rhythm, but a second late: neither end takes them for signs of life.
+/// Each beat is longer on its way than the one before, so that beats arrive without a gap, but in
+/// the end half a second late: neither end takes them for signs of life. MP's node sees that long
+/// before the other node ends.
 #[tokio::test(start_paused = true)]
 async fn late_link_stops_both_ends() {
     let (grows, way) = watch::channel(Duration::from_millis(2));
@@ -316,8 +362,17 @@ async fn late_link_stops_both_ends() {
     let Rig { watchdog, there, node, .. } = rig_over(ends).await;
     assert!(watchdog.listen().borrow().is_none());
 
-    grows.send_replace(Duration::from_secs(1));
+    let begun = tokio::time::Instant::now();
+    tokio::spawn(async move {
+        for step in 1..=50 {
+            grows.send_replace(Duration::from_millis(2 + 10 * step));
+            tokio::time::sleep(BEAT).await;
+        }
+        // The link goes on as it is.
+        std::future::pending::<()>().await;
+    });
     let error = watchdog.raised().await;
+    assert!(begun.elapsed() < GONE / 2, "{:?}", begun.elapsed());
     tokio::time::sleep(Duration::from_millis(1200)).await;
     let beats = there.beats.load(Ordering::Relaxed);
 
@@ -363,7 +418,9 @@ async fn absent_node_is_refused_after_the_limit() {
     let home = Home::new("b", Sender::new(near.0, RUN), Duration::ZERO, Duration::ZERO);
     let introduction = Introduction { run: RUN, program: "p".into(), scenario: 3 };
 
-    let absent = home.join(&mut Receiver::new(near.1), &introduction, Duration::from_secs(5)).await;
+    let (begun, limit) = (tokio::time::Instant::now(), Duration::from_secs(5));
+    let absent = home.join(&mut Receiver::new(near.1), &introduction, limit).await;
 
     assert_eq!(absent, Err("no answer in 5 s".into()));
+    assert_eq!(begun.elapsed(), limit);
 }
