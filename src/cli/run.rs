@@ -146,7 +146,8 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         set_parent_process_death_signal(Some(Signal::TERM)).context("--with-parent")?;
     }
     let more = args.overrides();
-    let scenario = args.scenario.load(&more).map_err(refuse)?;
+    let mut scenario = args.scenario.load(&more).map_err(refuse)?;
+    args.ros.set(&mut scenario.controller.ros)?;
     args.check(&scenario)?;
     let keep =
         saved_files(&args.keep, scenario.bridge.kind, scenario.controller.task).map_err(refuse)?;
@@ -164,7 +165,8 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let begun = record::Begun { attended: has_ui, resumed: args.keep.resume };
     // Other programs read the feed from the server of the page, or as topics of ROS 2.
     let feed = (ui.has_page() || args.ros.ros.is_some()).then(|| desk.run_end().feed);
-    let topics = feed.clone().and_then(|feed| args.ros.publish(feed)).transpose()?;
+    let ros = &scenario.controller.ros;
+    let topics = feed.clone().and_then(|feed| args.ros.publish(ros, feed)).transpose()?;
     let recorder = args.recorder(&scenario, &overrides, begun, feed)?;
     // A run of a campaign keeps no last second: if it fails, it can be repeated.
     let last_second =
