@@ -21,7 +21,7 @@ use super::tuning::Tuning;
 use crate::error::{Error, NonFatal};
 use crate::generators::{
     Behaviour, Compliance, Generator, Inputs, Next, Outcome, Sensing, Target, built_in,
-    own::{Library, Site, Touch},
+    own::{Forecast, Library, Site, Touch},
     position::Speeds,
     profile::Profile,
 };
@@ -31,6 +31,7 @@ use crate::operator::parameter::Factors;
 use crate::spatial::{Pose, Wrench};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 /// A generator under way, with the state that its next call needs.
 #[derive(Debug)]
@@ -54,6 +55,8 @@ pub struct MoveInstruction {
     free_speed: Option<f64>,
     /// Number of macrosteps in a row at the pace 0.
     stopping: u32,
+    /// Reading of the sensor that the generator has named, for its next call.
+    reading: Option<Result<Value, String>>,
     /// The behaviour, and the force at its beginning once a reading is finite (N).
     begun: (Behaviour, Option<Vector3<f64>>),
 }
@@ -258,8 +261,36 @@ impl MoveInstruction {
             factors,
             free_speed,
             stopping,
+            reading: None,
             begun,
         })
+    }
+
+    /// Returns the name of the sensor whose reading the generator needs.
+    #[must_use]
+    pub fn sensor(&self) -> Option<&str> {
+        self.generator.sensor()
+    }
+
+    /// Sets the reading of that sensor for the next macrostep.
+    pub fn set_reading(&mut self, reading: Result<Value, String>) {
+        self.reading = Some(reading);
+    }
+
+    /// Returns the course from the set values of the last command to rest, if the generator
+    /// declares one.
+    #[must_use]
+    pub fn onward(&self) -> Option<Forecast> {
+        self.generator.onward()
+    }
+
+    /// Takes the last command back, since its course is not free. Returns the command that leads to
+    /// rest instead; `command` if the generator has none.
+    pub fn retreat(&mut self, command: MoveCommand) -> MoveCommand {
+        match self.generator.retreat() {
+            Some(motion) => MoveCommand { motion, ..command },
+            None => command,
+        }
     }
 
     /// Returns whether [`MoveInstruction::set_pace`] has brought the motion to rest.
@@ -355,7 +386,8 @@ impl MoveInstruction {
             // The motion was checked at its planned speed, so it must not become faster.
             pace *= (speed * self.factors[Parameter::FreeSpeed]).min(1.0);
         }
-        let inputs = Inputs { arm, target, period: arm.period, pace };
+        let reading = self.reading.as_ref().map(|found| found.as_ref().map_err(String::as_str));
+        let inputs = Inputs { arm, target, reading, period: arm.period, pace };
         match self.generator.next(&inputs) {
             (Next::Go(command), sensing) => Ok((command, sensing)),
             (Next::Done(outcome), _) => Err(outcome),

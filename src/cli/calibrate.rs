@@ -284,8 +284,9 @@ fn section(config: &ControllerConfig, reports: &[Report]) -> String {
     for (index, camera) in cell.cameras.iter().enumerate() {
         let found = reports.iter().find(|r| r.camera == index).and_then(|r| r.found.as_ref().ok());
         let source = match &config.cameras[index] {
-            CameraSource::Renderer => "renderer".to_owned(),
-            CameraSource::Folder(folder) => folder.display().to_string(),
+            CameraSource::Renderer => "\"renderer\"".to_owned(),
+            CameraSource::Folder(folder) => format!("{:?}", folder.display().to_string()),
+            CameraSource::Ros(topic) => format!("\"ros\"\ntopic = {topic:?}"),
         };
         // A list of cameras in a scenario replaces the built-in one, so all cameras are written.
         text += &camera_section(camera, &source, found, |arm| cell.arms[arm].name.clone());
@@ -313,7 +314,8 @@ fn section(config: &ControllerConfig, reports: &[Report]) -> String {
 }
 
 /// Returns the TOML section of a camera, with the values of its calibration (`found`) if there is
-/// one. `source` is where its pictures come from; `arm` returns the name of the arm with an index.
+/// one. `source` is the value of this key, with the keys that follow from it; `arm` returns the
+/// name of the arm with an index.
 fn camera_section(
     camera: &Camera,
     source: &str,
@@ -338,7 +340,7 @@ fn camera_section(
     let at = pose.translation.vector * 1e3;
     let (roll, pitch, yaw) = pose.rotation.euler_angles();
     format!(
-        "\n[[camera]]\nname = {:?}\nsource = {source:?}\n{mount}width_px = {}\nheight_px = {}\n\
+        "\n[[camera]]\nname = {:?}\nsource = {source}\n{mount}width_px = {}\nheight_px = {}\n\
          focal_px = [{:.3}, {:.3}]\ncentre_px = [{:.3}, {:.3}]\ndistortion = [{:.6}, {:.6}]\n\
          xyz_mm = [{:.3}, {:.3}, {:.3}]\nrpy_deg = [{:.5}, {:.5}, {:.5}]\n",
         camera.name,

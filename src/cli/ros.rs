@@ -1,46 +1,49 @@
-//! `run --ros`: publishes the topics of ROS 2 while a run goes on.
+//! The options of topics of ROS 2: where `run` publishes and takes them.
 
 use super::output::refuse;
+use crate::net::domain_of_environment;
 use crate::record::feed::Feed;
 use crate::ros::Publisher;
+use crate::scenario::ros_keys::RosKeys;
 use clap::Args;
-
-/// Endpoint of the router of `rmw_zenoh` on this machine.
-const ROUTER: &str = "tcp/127.0.0.1:7447";
 
 /// Options of the topics of ROS 2.
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Clone, Args)]
 pub(super) struct RosArgs {
     /// Publish topics of ROS 2 over the router of rmw_zenoh at ENDPOINT
-    /// [default: tcp/127.0.0.1:7447]
+    /// [default: ros.router of the scenario, tcp/127.0.0.1:7447]
     #[arg(long, value_name = "ENDPOINT", num_args = 0..=1, require_equals = true,
-          default_missing_value = ROUTER, verbatim_doc_comment)]
+          default_missing_value = "", verbatim_doc_comment)]
     pub(super) ros: Option<String>,
-    /// Domain of the topics [default: that of ROS_DOMAIN_ID, or 0]
-    #[arg(long, value_name = "N", requires = "ros")]
+    /// Domain of the topics [default: that of ROS_DOMAIN_ID, or ros.domain of the
+    /// scenario, 0]
+    #[arg(long, value_name = "N", verbatim_doc_comment,
+          value_parser = clap::value_parser!(u32).range(0..=232))]
     ros_domain: Option<u32>,
 }
 
 impl RosArgs {
-    /// Begins to publish a feed; `None` without `--ros`.
-    pub(super) fn publish(&self, feed: Feed) -> Option<anyhow::Result<Publisher>> {
-        let router = self.ros.as_ref()?;
-        let domain = match self.domain() {
-            Ok(domain) => domain,
-            Err(why) => return Some(Err(refuse(why))),
+    /// Sets the keys of a scenario that the options and the environment name.
+    ///
+    /// # Errors
+    /// If the environment names a domain that is no number.
+    pub(super) fn set(&self, keys: &mut RosKeys) -> anyhow::Result<()> {
+        if let Some(router) = self.ros.as_ref().filter(|router| !router.is_empty()) {
+            keys.router.clone_from(router);
+        }
+        let domain = match self.ros_domain {
+            Some(domain) => Some(domain),
+            None => domain_of_environment().map_err(refuse)?,
         };
-        Some(Publisher::start(feed, router, domain).map_err(|why| refuse(format!("--ros: {why}"))))
+        keys.domain = domain.unwrap_or(keys.domain);
+        Ok(())
     }
 
-    /// Returns the domain of the option, or else of the environment.
-    fn domain(&self) -> Result<u32, String> {
-        if let Some(domain) = self.ros_domain {
-            return Ok(domain);
-        }
-        match std::env::var("ROS_DOMAIN_ID") {
-            Err(_) => Ok(0),
-            Ok(text) => text.parse().map_err(|_| format!("ROS_DOMAIN_ID: \"{text}\" is no number")),
-        }
+    /// Begins to publish a feed at the place of these keys; `None` without `--ros`.
+    pub(super) fn publish(&self, keys: &RosKeys, feed: Feed) -> Option<anyhow::Result<Publisher>> {
+        self.ros.as_ref()?;
+        let publisher = Publisher::start(feed, &keys.place());
+        Some(publisher.map_err(|why| refuse(format!("--ros: {why}"))))
     }
 }

@@ -209,7 +209,8 @@ fn one(
     let begun = record::Begun { attended: has_ui, resumed: args.keep.resume };
     // Other programs read the feed from the server of the page, or as topics of ROS 2.
     let feed = (ui.has_page() || args.ros.ros.is_some()).then(|| desk.run_end().feed);
-    let topics = feed.clone().and_then(|feed| args.ros.publish(feed)).transpose()?;
+    let ros = &scenario.controller.ros;
+    let topics = feed.clone().and_then(|feed| args.ros.publish(ros, feed)).transpose()?;
     let recorder = args.recorder(scenario, &overrides, begun, feed)?;
     // A run of a campaign keeps no last second: if it fails, it can be repeated.
     let last_second = (!args.with_parent).then(|| record::last_second(scenario, &overrides, begun));
@@ -247,7 +248,8 @@ fn one(
 impl RunArgs {
     /// Reads the scenario, and checks everything that can be refused before a run begins.
     fn prepare(&self) -> anyhow::Result<(Scenario, SavedFiles)> {
-        let scenario = self.scenario.load(&self.overrides()).map_err(refuse)?;
+        let mut scenario = self.scenario.load(&self.overrides()).map_err(refuse)?;
+        self.ros.set(&mut scenario.controller.ros)?;
         self.check(&scenario)?;
         let keep = saved_files(&self.keep, scenario.bridge.kind, scenario.controller.task)
             .map_err(refuse)?;

@@ -4,6 +4,7 @@
 //! - out: the [`Library`] to which a program adds its own generators
 
 use super::contact::{Carry, Contour, Guarded, Guide};
+use super::follow::Follow;
 use super::own::Library;
 use super::paths::{Along, Arc, JointPolyline, JointSpline, Line, Polyline, Spline};
 
@@ -20,6 +21,7 @@ pub fn library() -> Library {
         .with::<Guarded>("guarded")
         .with::<Contour>("contour")
         .with::<Guide>("guide")
+        .with::<Follow>("follow")
         .with::<Carry<Line>>("carry_line")
         .with::<Carry<Arc>>("carry_arc")
         .with::<Carry<Spline>>("carry_spline")

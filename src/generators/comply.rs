@@ -123,7 +123,8 @@ mod tests {
                 let wrench_in_tool = Wrench::from_directions([0.0, 0.0, *force, 0.0, 0.0, 0.0]);
                 let arm = ArmState { wrench_in_tool, ..ArmState::default() };
                 now += step;
-                let inputs = Inputs { arm: &arm, target: None, period: 0, pace: 1.0 };
+                let inputs =
+                    Inputs { arm: &arm, target: None, reading: None, period: 0, pace: 1.0 };
                 if let Next::Done(outcome) = comply.next(&inputs) {
                     return Some((now, outcome));
                 }
@@ -170,7 +171,7 @@ mod tests {
         // The force yields, but the torque by its lever does not.
         let force_and_torque = Wrench::from_directions([30.0, 0.0, 0.0, 0.0, 60.0, 0.0]);
         let arm = ArmState { wrench_in_tool: force_and_torque, ..ArmState::default() };
-        let inputs = Inputs { arm: &arm, target: None, period: 0, pace: 1.0 };
+        let inputs = Inputs { arm: &arm, target: None, reading: None, period: 0, pace: 1.0 };
         let next = waits(tff).next(&inputs);
         assert!(matches!(next, Next::Done(Outcome::OverForce(4, _))), "{next:?}");
     }
@@ -182,7 +183,8 @@ mod tests {
         let ends = |mut comply: Comply, apart: f64| {
             [0.0568, 0.0568 + apart].into_iter().find_map(|jaw_opening| {
                 let arm = ArmState { jaw_opening, ..ArmState::default() };
-                let inputs = Inputs { arm: &arm, target: None, period: 0, pace: 1.0 };
+                let inputs =
+                    Inputs { arm: &arm, target: None, reading: None, period: 0, pace: 1.0 };
                 match comply.next(&inputs) {
                     Next::Done(outcome) => Some(outcome),
                     Next::Go(_) => None,

@@ -7,10 +7,10 @@ use super::behaviour::Behaviour;
 use super::compliance::Compliance;
 use super::inputs::{Inputs, Sensing};
 use super::outcome::{Next, Outcome};
-use super::own::{Library, Running, Site, Touch};
+use super::own::{Forecast, Library, Running, Site, Touch};
 use super::pace::slowed;
 use super::{comply, grasp, position, secure, swing, turn, visual_servo};
-use crate::motion::MoveRefused;
+use crate::motion::{Motion, MoveRefused};
 use crate::operator::parameter::Factors;
 use crate::spatial::is_rigid;
 
@@ -189,6 +189,25 @@ impl Generator {
             Kind::Own(g) => g.tolerates(why),
             _ => false,
         }
+    }
+
+    /// Returns the name of the sensor whose reading a registered generator needs.
+    #[must_use]
+    pub fn sensor(&self) -> Option<&str> {
+        if let Kind::Own(g) = &self.kind { g.sensor() } else { None }
+    }
+
+    /// Returns the course from the set values of the last command to rest, if a registered
+    /// generator declares one.
+    #[must_use]
+    pub fn onward(&self) -> Option<Forecast> {
+        if let Kind::Own(g) = &self.kind { g.onward() } else { None }
+    }
+
+    /// Takes the last command of a registered generator back, and returns the one that leads to
+    /// rest.
+    pub fn retreat(&mut self) -> Option<Motion> {
+        if let Kind::Own(g) = &mut self.kind { g.retreat() } else { None }
     }
 
     /// Returns whether the motion is at rest, once the pace is 0.

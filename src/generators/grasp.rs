@@ -219,7 +219,8 @@ mod tests {
         let mut arm = ArmState { jaw_opening: 0.07, ..ArmState::default() };
         let mut lowest = f64::INFINITY;
         for period in (0..20_000).step_by(8) {
-            match grasp.next(&Inputs { arm: &arm, target: None, period, pace: 1.0 }) {
+            match grasp.next(&Inputs { arm: &arm, target: None, reading: None, period, pace: 1.0 })
+            {
                 Next::Done(outcome) => return (outcome, lowest),
                 Next::Go(MoveCommand { motion: Motion::Task { .. }, jaw: Some(jaw), .. }) => {
                     lowest = lowest.min(jaw.opening);
@@ -248,7 +249,8 @@ mod tests {
         let (step, near) = (8.0 * PERIOD, LEAST + NEAR);
         let (mut last, mut fastest) = (arm.jaw_opening, 0.0_f64);
         for period in (0..400).step_by(8) {
-            let next = grasp.next(&Inputs { arm: &arm, target: None, period, pace: 1.0 });
+            let next =
+                grasp.next(&Inputs { arm: &arm, target: None, reading: None, period, pace: 1.0 });
             let Next::Go(MoveCommand { jaw: Some(jaw), .. }) = next else { break };
             let speed = (last - jaw.opening) / step;
             assert!(speed <= if last > near { fast } else { slow } + 1e-9, "{speed} at {last}");
@@ -271,7 +273,8 @@ mod tests {
         for (step, pushed) in [0.0, 0.0, 0.0, 0.001, 0.002, 0.001].into_iter().enumerate() {
             let arm = ArmState { jaw_opening: CUBE + pushed, ..ArmState::default() };
             let period = 8 * step as u64;
-            let next = grasp.next(&Inputs { arm: &arm, target: None, period, pace: 1.0 });
+            let next =
+                grasp.next(&Inputs { arm: &arm, target: None, reading: None, period, pace: 1.0 });
             let Next::Go(MoveCommand { jaw: Some(jaw), .. }) = next else { panic!("{next:?}") };
             assert!(jaw.opening <= set, "{} after {set}", jaw.opening);
             set = jaw.opening;
@@ -296,7 +299,13 @@ mod tests {
             let mut set = arm.desired_jaw_opening;
             let mut first = None;
             loop {
-                match grasp.next(&Inputs { arm: &arm, target: None, period: 0, pace: 1.0 }) {
+                match grasp.next(&Inputs {
+                    arm: &arm,
+                    target: None,
+                    reading: None,
+                    period: 0,
+                    pace: 1.0,
+                }) {
                     Next::Go(command) => {
                         set = command.jaw.unwrap().opening;
                         assert!(*first.get_or_insert(set) < arm.jaw_opening, "the set value jumps");

@@ -4,6 +4,7 @@ use crate::motion::ArmState;
 use crate::spatial::Pose;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 /// Inputs of a generator at a macrostep.
 #[derive(Debug, Clone, Copy)]
@@ -12,6 +13,9 @@ pub struct Inputs<'a> {
     pub arm: &'a ArmState,
     /// Latest pose of the cube from the stand-alone camera, if any.
     pub target: Option<&'a Target>,
+    /// Reading of the sensor that the generator has named, or the reason why there is none; `None`
+    /// for a generator that names none, and without coordination by the ECPs.
+    pub reading: Option<Result<&'a Value, &'a str>>,
     /// Number of the present servo period.
     pub period: u64,
     /// Factor of the speed at which the generator may move on, 0..=1. It is below 1 while a pause

@@ -16,6 +16,7 @@ pub mod built_in;
 mod compliance;
 pub mod comply;
 pub mod contact;
+pub mod follow;
 mod generator;
 pub mod grasp;
 mod inputs;

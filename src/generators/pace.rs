@@ -55,7 +55,7 @@ mod tests {
         let step = |pace: f64| {
             let motion = Motion::Joints(target);
             let command = MoveCommand { motion, periods: 8, jaw: None };
-            let inputs = Inputs { arm: &arm, target: None, period: 0, pace };
+            let inputs = Inputs { arm: &arm, target: None, reading: None, period: 0, pace };
             match slowed(Next::Go(command), &inputs) {
                 Next::Go(MoveCommand { motion: Motion::Joints(joints), .. }) => joints.0[3],
                 other => panic!("{other:?}"),

@@ -251,7 +251,13 @@ mod tests {
         let arm = ArmState::default();
         let mut course = vec![JointPositions::default()];
         loop {
-            match generator.next(&Inputs { arm: &arm, target: None, period: 0, pace: 1.0 }) {
+            match generator.next(&Inputs {
+                arm: &arm,
+                target: None,
+                reading: None,
+                period: 0,
+                pace: 1.0,
+            }) {
                 Next::Go(MoveCommand { motion: Motion::Joints(q), .. }) => course.push(q),
                 Next::Go(other) => panic!("not a joint motion: {other:?}"),
                 Next::Done(outcome) => {
@@ -286,6 +292,7 @@ mod tests {
         let mut at = |pace: f64| match generator.next(&Inputs {
             arm: &arm,
             target: None,
+            reading: None,
             period: 0,
             pace,
         }) {
@@ -313,7 +320,9 @@ mod tests {
         let target = Pose::from_parts(Translation3::new(0.3, 0.0, 0.4), turn);
         let mut generator = Position::line(target, 1.0, &speeds(), 8);
         let arm = ArmState::default();
-        let mut next = || generator.next(&Inputs { arm: &arm, target: None, period: 0, pace: 1.0 });
+        let mut next = || {
+            generator.next(&Inputs { arm: &arm, target: None, reading: None, period: 0, pace: 1.0 })
+        };
 
         let (mut last, mut farthest) = (Pose::identity(), 0.0_f64);
         let end = loop {

@@ -235,7 +235,8 @@ mod tests {
         let step = 8.0 * PERIOD;
         let (mut arm, mut wanted_for, mut last) = (ArmState::default(), 0.0, f64::NAN);
         for steps in 1..1000 {
-            let inputs = Inputs { arm: &arm, target: None, period: 8 * steps, pace: 1.0 };
+            let inputs =
+                Inputs { arm: &arm, target: None, reading: None, period: 8 * steps, pace: 1.0 };
             let command = match secure.next(&inputs) {
                 Next::Done(outcome) => return (outcome, steps as f64 * step),
                 Next::Go(command) => command,
@@ -262,7 +263,8 @@ mod tests {
             let mut ways = Vec::new();
             for (&force, steps) in forces.iter().zip(0..) {
                 arm.wrench_in_tool.force.z = force;
-                let inputs = Inputs { arm: &arm, target: None, period: 8 * steps, pace: 1.0 };
+                let inputs =
+                    Inputs { arm: &arm, target: None, reading: None, period: 8 * steps, pace: 1.0 };
                 match approach.next(&inputs) {
                     Next::Done(Outcome::Touched(_)) => ways.push("touched"),
                     Next::Done(other) => panic!("{other:?}"),

@@ -111,7 +111,7 @@ mod tests {
             let wrench_in_tool =
                 Wrench::from_directions([0.0, 0.0, force(period as f64 * PERIOD), 0.0, 0.0, 0.0]);
             let arm = ArmState { wrench_in_tool, ..ArmState::default() };
-            swing.note(&Inputs { arm: &arm, target: None, period, pace: 1.0 })
+            swing.note(&Inputs { arm: &arm, target: None, reading: None, period, pace: 1.0 })
         })
     }
 

@@ -331,7 +331,13 @@ mod tests {
         let mut turn = Turn::new(order, compliance());
         let (mut arm, mut fastest) = (ArmState::default(), 0.0_f64);
         for period in (0..100_000).step_by(8) {
-            let command = match turn.next(&Inputs { arm: &arm, target: None, period, pace: 1.0 }) {
+            let command = match turn.next(&Inputs {
+                arm: &arm,
+                target: None,
+                reading: None,
+                period,
+                pace: 1.0,
+            }) {
                 Next::Done(outcome) => return (outcome, fastest),
                 Next::Go(command) => command,
             };
@@ -387,7 +393,13 @@ mod tests {
         let (mut arm, mut fastest) = (ArmState::default(), 0.0_f64);
         arm.wrench_in_tool.torque.z = torque;
         for period in (0..20_000).step_by(8) {
-            let command = match turn.next(&Inputs { arm: &arm, target: None, period, pace: 1.0 }) {
+            let command = match turn.next(&Inputs {
+                arm: &arm,
+                target: None,
+                reading: None,
+                period,
+                pace: 1.0,
+            }) {
                 Next::Done(outcome) => return (fastest, outcome),
                 Next::Go(command) => command,
             };

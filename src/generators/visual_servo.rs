@@ -755,7 +755,8 @@ mod tests {
             if period % 20 < 8 {
                 latest = cube(period / 20 * 20).or(latest);
             }
-            let inputs = Inputs { arm: &arm, target: latest.as_ref(), period, pace: 1.0 };
+            let inputs =
+                Inputs { arm: &arm, target: latest.as_ref(), reading: None, period, pace: 1.0 };
             match generator.next(&inputs).0 {
                 Next::Done(outcome) => return (arm.desired_base_from_tool, outcome),
                 Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) => {
@@ -785,7 +786,7 @@ mod tests {
         let arm = ArmState::default();
         let mut generator = VisualServo::new(order(), compliance());
         let mut ask = |period: u64, target: Option<&Target>| {
-            generator.next(&Inputs { arm: &arm, target, period, pace: 1.0 }).1
+            generator.next(&Inputs { arm: &arm, target, reading: None, period, pace: 1.0 }).1
         };
         let tried: Vec<_> = (0..110).map(|step| ask(step * 8, None)).collect();
 
@@ -798,10 +799,22 @@ mod tests {
         let target = Target { world_from_cube: pose, speed: 0.0, period: bright };
         let mut generator = VisualServo::new(order(), compliance());
         for step in 0..=bright / 8 {
-            generator.next(&Inputs { arm: &arm, target: None, period: step * 8, pace: 1.0 });
+            generator.next(&Inputs {
+                arm: &arm,
+                target: None,
+                reading: None,
+                period: step * 8,
+                pace: 1.0,
+            });
         }
         let seen = generator
-            .next(&Inputs { arm: &arm, target: Some(&target), period: bright + 8, pace: 1.0 })
+            .next(&Inputs {
+                arm: &arm,
+                target: Some(&target),
+                reading: None,
+                period: bright + 8,
+                pace: 1.0,
+            })
             .1;
 
         assert_eq!((seen.mode, seen.exposure), (Mode::Track, 1.8));
@@ -901,7 +914,8 @@ mod tests {
         for step in 0..5000_u64 {
             let period = step * 8;
             let target = cube(period);
-            let inputs = Inputs { arm: &arm, target: Some(&target), period, pace: 1.0 };
+            let inputs =
+                Inputs { arm: &arm, target: Some(&target), reading: None, period, pace: 1.0 };
             let next = match generator.next(&inputs).0 {
                 Next::Done(outcome) => {
                     return (outcome, arm.desired_base_from_tool.translation.vector);
@@ -928,7 +942,7 @@ mod tests {
         let (mut arm, goal) = (ArmState::default(), Pose::translation(0.0, 0.0, 0.05));
         let mut goes = |force: f64| {
             arm.wrench_in_tool.force.z = force;
-            let inputs = Inputs { arm: &arm, target: None, period: 0, pace: 1.0 };
+            let inputs = Inputs { arm: &arm, target: None, reading: None, period: 0, pace: 1.0 };
             match generator.approach(&inputs, &goal, goal.translation.vector, false) {
                 Next::Go(MoveCommand { motion: Motion::Task { directions, .. }, .. }) => {
                     directions[2] != Direction::HOLD
@@ -1081,7 +1095,8 @@ mod tests {
         generator.stage = Stage::BackOff { wait: Pose::translation(0.5, 0.0, 1.2) };
         let mut arm = ArmState::default();
         let mut next = |arm: &ArmState, period| {
-            let (next, _) = generator.next(&Inputs { arm, target: None, period, pace: 1.0 });
+            let (next, _) =
+                generator.next(&Inputs { arm, target: None, reading: None, period, pace: 1.0 });
             (next, generator.stage)
         };
 
@@ -1114,7 +1129,8 @@ mod tests {
             let z = 1.2 + 0.01 * (period as f64 * 0.01).sin();
             let world_from_cube = Pose::from_parts(Vector3::new(1.0, 0.0, z).into(), turn);
             let target = Target { world_from_cube, speed: 0.1, period };
-            let inputs = Inputs { arm: &arm, target: Some(&target), period, pace: 1.0 };
+            let inputs =
+                Inputs { arm: &arm, target: Some(&target), reading: None, period, pace: 1.0 };
             let Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) =
                 generator.next(&inputs).0
             else {
@@ -1151,7 +1167,7 @@ mod tests {
             let target = Target { world_from_cube, speed: 0.0, period };
             // The last picture is of the 60th macrostep.
             let target = (step <= 60).then_some(&target);
-            let inputs = Inputs { arm: &arm, target, period, pace: 1.0 };
+            let inputs = Inputs { arm: &arm, target, reading: None, period, pace: 1.0 };
             match generator.next(&inputs).0 {
                 Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) => {
                     arm.desired_base_from_tool = pose;

@@ -92,6 +92,17 @@ pub trait Link: Debug + Send + Sync {
 /// Parcels that arrive at an end of a link.
 pub type Parcels = mpsc::UnboundedReceiver<(Lane, Vec<u8>)>;
 
+/// Message of a topic to which this program has subscribed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Message {
+    /// Key under which it was published.
+    pub key: String,
+    /// Its bytes; `None` if they are more than the subscriber takes.
+    pub data: Option<Vec<u8>>,
+    /// Bytes that are attached to it; none without an attachment.
+    pub attachment: Vec<u8>,
+}
+
 /// Link within a process.
 #[derive(Debug)]
 struct Here {

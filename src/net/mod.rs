@@ -4,12 +4,15 @@
 //!   where a run repeats to the bit.
 //! - [`Link`]: a link that carries bytes on the wall clock, over a network (`zenoh`, feature
 //!   `net`) or within a process ([`pair`])
+//! - [`Session`], [`Subscription`]: topics over the same network, for programs of ROS 2
 
 mod link;
 mod model;
+mod place;
 #[cfg_attr(not(feature = "net"), path = "without.rs")]
 mod zenoh;
 
-pub use link::{End, Lane, Link, Parcels, Traffic, pair};
+pub use link::{End, Lane, Link, Message, Parcels, Traffic, pair};
 pub use model::{Direction, LinkModel};
-pub use zenoh::{Session, Token, Topic, open, open_client};
+pub use place::{RosPlace, domain_of_environment, refuses_topic};
+pub use zenoh::{Session, Subscription, Token, Topic, open, open_client};

@@ -1,6 +1,6 @@
 //! Stands in the place of the network in a build without the feature `net`.
 
-use super::link::{End, Link, Parcels};
+use super::link::{End, Link, Message, Parcels};
 use std::convert::Infallible;
 use std::path::Path;
 use std::sync::Arc;
@@ -43,6 +43,10 @@ impl Topic {
     }
 }
 
+/// Subscription of keys, which this build cannot open.
+#[derive(Debug)]
+pub struct Subscription(Infallible);
+
 impl Session {
     /// Returns the identity of the session.
     ///
@@ -65,6 +69,19 @@ impl Session {
     /// # Errors
     /// None: there is no session.
     pub fn topic(&self, _: String) -> Result<Topic, String> {
+        match self.0 {}
+    }
+
+    /// Subscribes to keys.
+    ///
+    /// # Errors
+    /// None: there is no session.
+    pub fn subscribe(
+        &self,
+        _: String,
+        _: usize,
+        _: impl Fn(Message) + Send + Sync + 'static,
+    ) -> Result<Subscription, String> {
         match self.0 {}
     }
 

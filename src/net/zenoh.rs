@@ -16,7 +16,7 @@
 //! - in: endpoints, parcels
 //! - out: parcels
 
-use super::link::{End, Lane, Link, Meter, Parcels, Traffic};
+use super::link::{End, Lane, Link, Message, Meter, Parcels, Traffic};
 use crate::error::panic_text;
 use std::fmt;
 use std::path::Path;
@@ -32,6 +32,8 @@ use zenoh::qos::{CongestionControl, Priority};
 const VALUES: usize = 64;
 /// Number of pictures that wait on a full link.
 const PICTURES: usize = 2;
+/// Greatest size of an attachment that is read (bytes). A longer one counts as none.
+const ATTACHMENT: usize = 256;
 
 /// Session of a node with its peers.
 ///
@@ -97,10 +99,15 @@ pub fn open_client(router: &str) -> Result<Session, String> {
 
 /// Sign of life of something that others look for.
 #[derive(Debug)]
-pub struct Token(
-    #[expect(dead_code, reason = "it lives as long as this value")]
-    zenoh::liveliness::LivelinessToken,
-);
+pub struct Token(Option<zenoh::liveliness::LivelinessToken>);
+
+impl Drop for Token {
+    fn drop(&mut self) {
+        let token = self.0.take();
+        // The session ends soon, and its tokens with it.
+        let _ = outside(move || drop(token));
+    }
+}
 
 /// Publisher of a topic.
 #[derive(Debug)]
@@ -114,6 +121,23 @@ impl Topic {
     pub fn put(&self, data: &[u8], attachment: &[u8]) -> Result<(), String> {
         let put = self.0.put(data.to_vec()).attachment(attachment.to_vec());
         put.wait().map_err(|why| why.to_string())
+    }
+}
+
+/// Subscription of keys, which ends when it is dropped.
+pub struct Subscription(Option<Subscriber<()>>);
+
+impl fmt::Debug for Subscription {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Subscription").finish()
+    }
+}
+
+impl Drop for Subscription {
+    fn drop(&mut self) {
+        let subscriber = self.0.take();
+        // The session ends soon: a subscriber that cannot be withdrawn is left to it.
+        let _ = outside(move || drop(subscriber));
     }
 }
 
@@ -186,8 +210,9 @@ impl Session {
     /// # Errors
     /// If the session has ended, or the key has a wrong form.
     pub fn token(&self, key: String) -> Result<Token, String> {
-        let declared = self.open()?.liveliness().declare_token(key).wait();
-        declared.map(Token).map_err(|why| why.to_string())
+        let session = self.open()?.clone();
+        let declared = outside(move || session.liveliness().declare_token(key).wait())?;
+        declared.map(|token| Token(Some(token))).map_err(|why| why.to_string())
     }
 
     /// Declares the publisher of a topic.
@@ -198,6 +223,30 @@ impl Session {
         let declared = self.open()?.declare_publisher(key);
         let declared = declared.congestion_control(CongestionControl::Drop).wait();
         declared.map(Topic).map_err(|why| why.to_string())
+    }
+
+    /// Subscribes to all keys that match `keys`. `take` gets each message of at most `largest`
+    /// bytes, and `None` for the data of a larger one. It must not wait.
+    ///
+    /// # Errors
+    /// If the session has ended, or the expression has a wrong form.
+    pub fn subscribe(
+        &self,
+        keys: String,
+        largest: usize,
+        take: impl Fn(Message) + Send + Sync + 'static,
+    ) -> Result<Subscription, String> {
+        let session = self.open()?.clone();
+        let receive = move |sample: zenoh::sample::Sample| {
+            let payload = sample.payload();
+            let data = (payload.len() <= largest).then(|| payload.to_bytes().into_owned());
+            let attachment = sample.attachment().filter(|bytes| bytes.len() <= ATTACHMENT);
+            let attachment = attachment.map(|bytes| bytes.to_bytes().into_owned());
+            let key = sample.key_expr().as_str().to_owned();
+            take(Message { key, data, attachment: attachment.unwrap_or_default() });
+        };
+        let declared = outside(move || session.declare_subscriber(keys).callback(receive).wait())?;
+        declared.map(|subscriber| Subscription(Some(subscriber))).map_err(|why| why.to_string())
     }
 
     /// Opens an end of the link to the node `name`, and returns it with the parcels that arrive.

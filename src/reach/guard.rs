@@ -29,8 +29,8 @@ use super::motors::{MOMENTS, MOTORS, farthest_turn};
 use crate::cell::Cell;
 use crate::cube::Keeper;
 use crate::generators::legs::Legs;
-use crate::generators::own::{Forecast, Place as Forecasted};
-use crate::motion::JointPositions;
+use crate::generators::own::{Forecast, Place as Forecasted, Places};
+use crate::motion::{JointPositions, MoveRefused};
 use crate::spatial::Pose;
 use nalgebra::Point3;
 use std::sync::Arc;
@@ -264,6 +264,18 @@ impl Guard {
     #[must_use]
     pub fn by_hand(self) -> Self {
         Self { never_meet: true, ..self }
+    }
+
+    /// Checks that an arm keeps the limits of its joints and motors at all places of a course in
+    /// joints. An arm that the cell does not have keeps them.
+    ///
+    /// # Errors
+    /// The first limit that is exceeded.
+    pub fn check_limits(&self, arm: usize, course: &Forecast) -> Result<(), MoveRefused> {
+        let (Some(arm), Places::Joints(places)) = (self.cell.arms.get(arm), &course.places) else {
+            return Ok(());
+        };
+        places.iter().try_for_each(|joints| arm.model.check(joints))
     }
 
     /// Sets the openings of both hands' jaws (m); `None` if unknown. From now on a hand counts as

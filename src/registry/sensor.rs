@@ -36,6 +36,27 @@ pub trait Sensor: Send + Sized + 'static {
     /// The reason why these keys allow no sensor.
     fn new(keys: &Self::Keys) -> Result<Self, String>;
 
+    /// Makes the kernel for a cell: by default as [`Sensor::new`], which knows the keys alone.
+    ///
+    /// # Errors
+    /// As [`Sensor::new`].
+    fn in_cell(keys: &Self::Keys, config: &ControllerConfig) -> Result<Self, String> {
+        let _ = config;
+        Self::new(keys)
+    }
+
+    /// Opens the real device for a cell: by default as [`Sensor::device`].
+    ///
+    /// # Errors
+    /// As [`Sensor::device`].
+    fn device_in_cell(
+        keys: &Self::Keys,
+        config: &ControllerConfig,
+    ) -> Result<Box<dyn Device<Self::Measurement>>, String> {
+        let _ = config;
+        Self::device(keys)
+    }
+
     /// Opens the real device. A simulated run with a model does not call this.
     ///
     /// # Errors
@@ -109,7 +130,7 @@ impl<S: Sensor> SensorKernel for Fitted<S> {
 
 /// Makes the kernel of a sensor with a device that may have injected faults.
 fn fitted<S: Sensor>(
-    keys: &S::Keys,
+    (keys, config): (&S::Keys, &ControllerConfig),
     device: Box<dyn Device<S::Measurement>>,
     faults: Option<Arc<DeviceFaults>>,
 ) -> Result<Box<dyn SensorKernel>, String> {
@@ -117,7 +138,7 @@ fn fitted<S: Sensor>(
         Some(faults) => Box::new(FaultyDevice::new(device, faults)),
         None => device,
     };
-    Ok(Box::new(Fitted::<S> { sensor: S::new(keys)?, device }))
+    Ok(Box::new(Fitted::<S> { sensor: S::in_cell(keys, config)?, device }))
 }
 
 /// Makes the kernel of a sensor with its real device, into which faults may be injected.
@@ -158,7 +179,7 @@ impl SensorEntry {
             defaults: || Box::new(S::Keys::default()),
             real: |entry, config, faults| {
                 let keys = entry.keys::<S>(config);
-                fitted::<S>(&keys, S::device(&keys)?, faults)
+                fitted::<S>((&keys, config), S::device_in_cell(&keys, config)?, faults)
             },
             simulated: None,
         }
@@ -174,7 +195,7 @@ impl SensorEntry {
         self.simulated = Some(|entry, config, Simulation { seed, scenes, faults }| {
             let keys = entry.keys::<D::Sensor>(config);
             let device = Simulated { model: D::new(&keys, seed), scenes };
-            fitted::<D::Sensor>(&keys, Box::new(device), faults)
+            fitted::<D::Sensor>((&keys, config), Box::new(device), faults)
         });
     }
 

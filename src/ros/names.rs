@@ -40,13 +40,42 @@ impl Names {
         let (topic, of, hash) = (topic.replace('/', "%"), dds_name(kind), type_hash(kind));
         format!("@ros2_lv/{domain}/{session}/0/{number}/MP/%/%/{NODE}/{topic}/{of}/{hash}/{QOS}")
     }
+
+    /// Returns the token of the subscriber of a topic, the only one of its session. `hash` is that
+    /// of the type `kind`. Drivers of cameras send nothing before they see one.
+    #[must_use]
+    pub fn subscriber(&self, topic: &str, kind: &str, hash: &str) -> String {
+        let (domain, session) = (self.domain, &self.session);
+        let (topic, of) = (topic.replace('/', "%"), dds_of(kind));
+        format!("@ros2_lv/{domain}/{session}/0/1/MS/%/%/{NODE}/{topic}/{of}/{hash}/{QOS}")
+    }
+}
+
+/// Returns the expression of all keys of a topic's data in a domain, whatever its type: a message
+/// of another type is refused with its name instead of never arriving.
+pub(super) fn of_any_type(domain: u32, topic: &str) -> String {
+    format!("{domain}/{}/*/*", topic.trim_start_matches('/'))
+}
+
+/// Returns the name of the type in the key of a topic's data: `std_msgs/msg/String`; `None` if the
+/// key has another form.
+pub(super) fn type_in(key: &str) -> Option<String> {
+    let (before, _hash) = key.rsplit_once('/')?;
+    let (_, dds) = before.rsplit_once('/')?;
+    let (package, name) = dds.strip_suffix('_')?.split_once("::dds_::")?;
+    Some(format!("{}/{name}", package.replace("::", "/")))
 }
 
 /// Returns the name of a type in DDS: `std_msgs::msg::dds_::String_`.
 fn dds_name(kind: Kind) -> String {
-    match kind.name().rsplit_once('/') {
+    dds_of(kind.name())
+}
+
+/// Returns the name in DDS of the type that ROS calls `name`.
+fn dds_of(name: &str) -> String {
+    match name.rsplit_once('/') {
         Some((package, name)) => format!("{}::dds_::{name}_", package.replace('/', "::")),
-        None => kind.name().to_owned(),
+        None => name.to_owned(),
     }
 }
 
@@ -59,6 +88,31 @@ pub(super) fn attachment(number: u64, time: u64, publisher: [u8; 16]) -> Vec<u8>
     bytes.push(16);
     bytes.extend(publisher);
     bytes
+}
+
+/// Data that `rmw_zenoh` attaches to a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Attached {
+    /// Number of the message, which counts those of its publisher.
+    pub(super) number: u64,
+    /// Time of its sending (ns since 1970).
+    pub(super) time: u64,
+    /// Identity of its publisher.
+    pub(super) publisher: [u8; 16],
+}
+
+impl Attached {
+    /// Reads an attachment; `None` if it has another form.
+    pub(super) fn read(bytes: &[u8]) -> Option<Self> {
+        let (number, rest) = bytes.split_first_chunk::<8>()?;
+        let (time, rest) = rest.split_first_chunk::<8>()?;
+        let (length, publisher) = rest.split_first()?;
+        Some(Self {
+            number: u64::from_le_bytes(*number),
+            time: u64::from_le_bytes(*time),
+            publisher: publisher.try_into().ok().filter(|_| *length == 16)?,
+        })
+    }
 }
 
 #[cfg(test)]
@@ -85,6 +139,43 @@ mod tests {
              std_msgs::msg::dds_::String_/\
              RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18/::,10:,:,:,,"
         );
+    }
+
+    #[test]
+    fn subscriber_has_a_token() {
+        let names = Names { domain: 2, session: "a1".into() };
+        assert_eq!(
+            names.subscriber("/camera/image", "sensor_msgs/msg/Image", "RIHS01_0"),
+            "@ros2_lv/2/a1/0/1/MS/%/%/rubik_robot/%camera%image/sensor_msgs::msg::dds_::Image_/\
+             RIHS01_0/::,10:,:,:,,"
+        );
+    }
+
+    #[test]
+    fn type_of_message_is_in_its_key() {
+        let names = Names { domain: 7, session: String::new() };
+        let key = names.data("/a/b", Kind::JointState);
+
+        assert_eq!(type_in(&key).as_deref(), Some("sensor_msgs/msg/JointState"));
+        assert_eq!(of_any_type(7, "/a/b"), "7/a/b/*/*");
+        for other in ["", "7", "7/a", "7/a/b::C_/h", "7/a/b::dds_::C/h", "//"] {
+            assert_eq!(type_in(other), None, "{other}");
+        }
+    }
+
+    #[test]
+    fn attachment_of_any_other_length_is_refused() {
+        let bytes = attachment(3, 5, [7; 16]);
+        let wanted = Attached { number: 3, time: 5, publisher: [7; 16] };
+
+        assert_eq!(Attached::read(&bytes), Some(wanted));
+        for length in 0..bytes.len() {
+            assert_eq!(Attached::read(&bytes[..length]), None, "{length}");
+        }
+        assert_eq!(Attached::read(&[bytes.clone(), vec![0]].concat()), None);
+        let mut other = bytes;
+        other[16] = 15;
+        assert_eq!(Attached::read(&other), None);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Publisher of a feed to ROS 2, in a thread of its own.
 
+use super::joints::AllJoints;
 use super::names::{Names, attachment};
-use crate::net::{self, Session, Token, Topic};
+use crate::net::{self, RosPlace, Session, Token, Topic};
 use crate::record::feed::{Feed, Sample};
 use crate::record::schema::Kind;
 use std::collections::BTreeMap;
@@ -25,14 +26,14 @@ pub struct Publisher {
 }
 
 impl Publisher {
-    /// Publishes a feed in the domain `domain`, over the zenoh router at the endpoint `router`.
+    /// Publishes a feed in the domain and over the router of a place.
     ///
     /// # Errors
     /// The reason, if the router does not answer or this build has no network.
-    pub fn start(feed: Feed, router: &str, domain: u32) -> Result<Self, String> {
+    pub fn start(feed: Feed, place: &RosPlace) -> Result<Self, String> {
         let ends = Arc::new(AtomicBool::new(false));
         let (opened, result) = mpsc::channel();
-        let (router, over) = (router.to_owned(), Arc::clone(&ends));
+        let (RosPlace { router, domain }, over) = (place.clone(), Arc::clone(&ends));
         let thread = std::thread::Builder::new().name("ros".to_owned()).spawn(move || {
             let session = net::open_client(&router).and_then(|session| {
                 Outlet::new(session, domain).map_err(|why| format!("{router}: {why}"))
@@ -63,6 +64,7 @@ impl Drop for Publisher {
 /// Session with the publishers of all topics so far.
 struct Outlet {
     names: Names,
+    joints: AllJoints,
     topics: BTreeMap<u32, Published>,
     session: Session,
     _node: Token,
@@ -87,7 +89,8 @@ impl Outlet {
     fn new(session: Session, domain: u32) -> Result<Self, String> {
         let names = Names { domain, session: session.identity()? };
         let node = session.token(names.node())?;
-        Ok(Self { names, topics: BTreeMap::new(), session, _node: node })
+        let (joints, topics) = (AllJoints::default(), BTreeMap::new());
+        Ok(Self { names, joints, topics, session, _node: node })
     }
 
     /// Publishes a feed until `over` is set.
@@ -132,7 +135,12 @@ impl Outlet {
             }
         }
         if let Some(published) = self.topics.get_mut(&sample.topic) {
-            published.put(sample, &self.names);
+            if published.kind == Kind::JointState {
+                let data = self.joints.merged(&sample.data, sample.time);
+                published.put(&data, &self.names);
+            } else {
+                published.put(&sample.data, &self.names);
+            }
             published.latest = Some(Arc::clone(sample));
         }
     }
@@ -151,7 +159,7 @@ impl Outlet {
     fn repeat(&mut self) {
         for published in self.topics.values_mut() {
             if let Some(latest) = published.latest.clone().filter(|_| published.holds()) {
-                published.put(&latest, &self.names);
+                published.put(&latest.data, &self.names);
             }
         }
     }
@@ -165,11 +173,11 @@ impl Published {
     }
 
     /// Sends a message.
-    fn put(&mut self, sample: &Sample, names: &Names) {
+    fn put(&mut self, data: &[u8], names: &Names) {
         self.count += 1;
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let attached = attachment(self.count, now.as_nanos() as u64, identity(names, &self.name));
-        if let Err(why) = self.topic.put(&sample.data, &attached) {
+        if let Err(why) = self.topic.put(data, &attached) {
             tracing::warn!("a message of {} was not published: {why}", self.name);
         }
     }

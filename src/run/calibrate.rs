@@ -276,7 +276,13 @@ impl Arms {
         let mut generator = Position::joints(to, (0.8, 0.0), &manner.speeds, macrostep);
         loop {
             let state = self.states[arm];
-            let inputs = Inputs { arm: &state, target: None, period: state.period, pace: 1.0 };
+            let inputs = Inputs {
+                arm: &state,
+                target: None,
+                reading: None,
+                period: state.period,
+                pace: 1.0,
+            };
             let Next::Go(mut command) = generator.next(&inputs) else { break };
             // The generator moves joints only; the hand that holds the cube needs its grip in each
             // command.

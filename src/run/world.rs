@@ -28,6 +28,7 @@ use crate::hw::serial::axis::Rules;
 use crate::motion::PERIOD;
 use crate::record::playback::Playback;
 use crate::registry::Simulation;
+use crate::ros::RosCamera;
 use crate::scenario::keys::BridgeKind;
 use crate::scenario::{CameraSource, ControllerConfig, Scenario, VspConfig};
 use crate::servo::io::{ArmDrive, ArmReading};
@@ -482,7 +483,8 @@ fn cut(kept: Option<&Kept>, plant: &Plant) -> ! {
 }
 
 /// Opens a frame source for each camera of a node, of MP's node if `node` is `None`: image files if
-/// the scenario names a folder, otherwise what `of_world` creates for the camera's index.
+/// the scenario names a folder, or a topic of ROS 2; otherwise what `of_world` creates for the
+/// camera's index.
 ///
 /// # Errors
 /// If a folder or a camera cannot be opened.
@@ -501,6 +503,13 @@ fn cameras(
         CameraSource::Renderer => of_world(index).map(Some),
         CameraSource::Folder(folder) => {
             FolderCamera::open(&config.cell.cameras[index].name, folder)
+                .map(|camera| Some(Box::new(camera) as Box<dyn FrameSource>))
+                .map_err(|e| not_created("camera", &e.to_string()))
+        }
+        CameraSource::Ros(topic) => {
+            let camera = &config.cell.cameras[index];
+            let size = (camera.intrinsics.width, camera.intrinsics.height);
+            RosCamera::open(&camera.name, &config.ros.place(), topic, Some(size))
                 .map(|camera| Some(Box::new(camera) as Box<dyn FrameSource>))
                 .map_err(|e| not_created("camera", &e.to_string()))
         }

@@ -26,6 +26,7 @@ use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, I
 use crate::cube::{Cube, Facelets, Keeper};
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions};
+use crate::net::refuses_topic;
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use std::path::Path;
@@ -47,7 +48,6 @@ pub(super) fn scenario(
     check::effectors(&draft, reader);
     let effectors = effectors(&draft.effectors, root.bridge.kind, &root.servo, folder, reader);
     let cameras = cameras(&draft.cameras, &draft.effectors, reader);
-    let sources = sources(&draft.cameras, folder, reader);
     let vsps = vsps(&draft, catalogue, reader);
     check::owners(&draft, &vsps, reader);
     let network = nodes::network(&draft, &vsps, folder, reader);
@@ -86,10 +86,11 @@ pub(super) fn scenario(
                 keeper,
             },
             effectors: effectors.into_iter().collect::<Option<_>>()?,
-            cameras: sources,
+            cameras: sources(&draft.cameras, folder, reader),
             calibrate_views: draft.cameras.iter().map(|c| c.calibrate_views).collect(),
             vsps: vsps.into_iter().collect::<Option<_>>()?,
             network,
+            ros: root.ros,
             control: root.control,
             bounds,
             visual_servo: root.visual_servo,
@@ -340,16 +341,24 @@ fn mount(
     }
 }
 
-/// Returns where the frames of a camera come from: the renderer or a folder.
+/// Returns where the frames of a camera come from: the renderer, a topic of ROS 2 or a folder.
 fn source(keys: &CameraKeys, folder: &Path, reader: &mut Reader) -> CameraSource {
     let text = keys.source.as_str();
     if text == "renderer" {
         return CameraSource::Renderer;
     }
+    if text == "ros" {
+        let topic = keys.topic.clone().unwrap_or_else(|| format!("/{}/image_raw", keys.name));
+        if let Some(why) = refuses_topic(&topic) {
+            let at = format!("{}.topic", keys.path());
+            reader.fault(&at, format!("`{at}`: {why}"));
+        }
+        return CameraSource::Ros(topic);
+    }
     let images = folder.join(text);
     if !images.is_dir() {
         let at = format!("{}.source", keys.path());
-        let reason = format!("`{at}`: \"{text}\" is neither \"renderer\" nor a folder");
+        let reason = format!("`{at}`: \"{text}\" is neither \"renderer\" nor \"ros\" nor a folder");
         reader.fault_with_help(&at, reason, format!("folder not found: {}", images.display()));
     }
     CameraSource::Folder(images)

@@ -7,6 +7,7 @@ use super::lists::VspKind;
 use super::node_keys::Network;
 use super::objects::{LeadKeys, ObjectKeys, ProbeKeys};
 use super::plant::PlantKeys;
+use super::ros_keys::RosKeys;
 use crate::cell::Cell;
 use crate::cube::Facelets;
 use crate::generators::own::Library;
@@ -37,6 +38,8 @@ pub struct ControllerConfig {
     pub vsps: Vec<VspConfig>,
     /// Nodes beside that of MP, and the link to them.
     pub network: Network,
+    /// Router and domain of the topics of ROS 2.
+    pub ros: RosKeys,
     /// Gains, speeds, limits.
     pub control: Control,
     /// Bounds of the parameters that the operator may change while a run goes on.
@@ -98,6 +101,8 @@ pub enum CameraSource {
     Renderer,
     /// Image files, in the order of their names.
     Folder(PathBuf),
+    /// Topic of ROS 2 with this name.
+    Ros(String),
 }
 
 /// Receiver of the readings of a VSP.

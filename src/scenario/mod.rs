@@ -22,6 +22,7 @@ pub mod order_keys;
 mod parameters;
 pub(crate) mod plant;
 pub(crate) mod root;
+pub mod ros_keys;
 pub mod section;
 pub mod tree;
 

@@ -7,6 +7,7 @@ use super::keys::{
 };
 use super::node_keys::LinkKeys;
 use super::plant::PlantKeys;
+use super::ros_keys::RosKeys;
 use super::section::section;
 
 section! {
@@ -41,6 +42,8 @@ section! {
         real_time: RealTime,
         /// Link between the nodes, if the scenario has several.
         link: LinkKeys,
+        /// Topics of ROS 2.
+        ros: RosKeys,
         /// Truth, which only the simulated plant may read.
         plant: PlantKeys,
     }

@@ -7,6 +7,7 @@
 pub mod carry_bar;
 pub mod cube;
 pub mod follow_contour;
+pub mod follow_joints;
 pub mod idle;
 pub mod patrol;
 pub mod teach;
@@ -38,6 +39,8 @@ pub fn built_in() -> Registry {
         .programme::<follow_contour::Picker>(follow_contour::PICK)
         .task::<teach::Teach>("teach")
         .verdict::<teach::PlayedBack>()
+        .task::<follow_joints::FollowJoints>("follow_joints")
+        .sensor::<follow_joints::JointCommands>(follow_joints::SENSOR)
 }
 
 /// Reads the scenario at `path` like [`scenario::load`], with the tasks of this crate.

@@ -21,6 +21,7 @@ mod program;
 mod recording;
 mod resume;
 mod robust;
+mod ros;
 mod solve;
 mod tasks;
 mod teach;

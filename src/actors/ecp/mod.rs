@@ -22,7 +22,8 @@ use super::control::permission_soon;
 use super::edp::EdpHandle;
 use super::fault::ActorFault;
 use super::move_instruction::{Ending, Manner, MoveInstruction};
-use super::sensor::SensorHandle;
+use super::notice::Notice;
+use super::sensor::{self, SensorHandle};
 use super::services::Services;
 use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision};
@@ -45,6 +46,9 @@ use tracing::Instrument as _;
 /// Capacity of the mailbox. MP waits for the answer of a request before it sends the next one, and
 /// few requests have no answer ([`Request::End`], [`Request::Watch`]).
 const MAILBOX: usize = 4;
+/// Time for which the course of a motion must be free before the operator is told once more that it
+/// is not (s).
+const AGAIN: f64 = 1.0;
 
 /// Channel of an answer.
 type Reply<T> = oneshot::Sender<Result<T, Error>>;
@@ -311,6 +315,8 @@ struct Ecp {
     signals: VecDeque<Signal>,
     /// Tool frame in force (`flange_from_tool`), where MP or a programme has changed it.
     tool: Option<Pose>,
+    /// Period in which the course of a motion was last not free.
+    told: Option<u64>,
 }
 
 /// Starts the ECP of the effector `name` as a task, and returns the sending end of its mailbox.
@@ -332,6 +338,7 @@ pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
         heartbeat: watchdog.heartbeat(&name),
         signals: VecDeque::new(),
         tool: None,
+        told: None,
     };
     let span = tracing::info_span!("ecp", name = ecp.name);
     watchdog.spawn(&name, ecp.run().instrument(span));
@@ -490,16 +497,12 @@ impl Ecp {
                 return Ok((Outcome::Ended, state));
             }
             let target = self.parts.tracker.as_ref().and_then(VspHandle::target);
-            tracing::trace!(
-                actor = %self.name,
-                period = state.period,
-                wrench = ?state.wrench_in_tool.directions().map(|c| (c * 100.0).round() / 100.0),
-                jaw_mm = state.jaw_opening * 1e3,
-                "state"
-            );
+            self.log(&state);
+            self.sense(&mut motion);
             let tuning = &mut self.parts.services.tuning;
             match motion.step_under(tuning, &state, target.as_ref()) {
                 Ok((command, sensing)) => {
+                    let command = self.cleared(&mut motion, command, &state);
                     if let (Some(sensing), Some(tracker)) = (sensing, &self.parts.tracker) {
                         tracker.configure(sensing);
                     }
@@ -516,6 +519,48 @@ impl Ecp {
                 Err(outcome) => return Ok((outcome, state)),
             }
         }
+    }
+
+    /// Logs the state of the arm.
+    fn log(&self, state: &ArmState) {
+        tracing::trace!(
+            actor = %self.name,
+            period = state.period,
+            wrench = ?state.wrench_in_tool.directions().map(|c| (c * 100.0).round() / 100.0),
+            jaw_mm = state.jaw_opening * 1e3,
+            "state"
+        );
+    }
+
+    /// Gives a motion the present reading of the sensor that its generator names, if it names one.
+    fn sense(&self, motion: &mut MoveInstruction) {
+        if let Some(sensor) = motion.sensor() {
+            let readings = sensor::readings(&self.parts.sensors);
+            let reading = readings.get(sensor, self.parts.services.clock.period());
+            motion.set_reading(reading);
+        }
+    }
+
+    /// Returns the command of a motion whose course is not known beforehand: `command`, or if the
+    /// course from there to rest is not free, the one that leads to rest before. The operator is
+    /// told the reason.
+    fn cleared(
+        &mut self,
+        motion: &mut MoveInstruction,
+        command: MoveCommand,
+        state: &ArmState,
+    ) -> MoveCommand {
+        let (Some(course), Some(around)) = (motion.onward(), &self.parts.surroundings) else {
+            return command;
+        };
+        let Err(why) = around.check_onward(course, state) else { return command };
+        let now = self.parts.services.clock.period();
+        if self.told.is_none_or(|told| now.saturating_sub(told) as f64 * PERIOD > AGAIN) {
+            let note = format!("{}: the arm does not follow its targets: {why}", self.name);
+            self.parts.services.trace.tell(Notice::Warning(now as f64 * PERIOD, note));
+        }
+        self.told = Some(now);
+        motion.retreat(command)
     }
 
     /// Adjusts the arm and returns its state. Keeps the tool frame that is in force.

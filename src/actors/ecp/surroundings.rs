@@ -13,10 +13,15 @@ use crate::actors::move_instruction::Manner;
 use crate::actors::ways::{self, Known};
 use crate::error::NonFatal;
 use crate::generators::Behaviour;
+use crate::generators::own::{Forecast, Place};
 use crate::motion::ArmState;
-use crate::reach::guard::Guard;
+use crate::reach::guard::{Guard, PlannedMotion};
 use crate::spatial::Pose;
+use std::sync::Arc;
 use tokio::sync::watch;
+
+/// Largest ratio of a speed to its limit that counts as slow enough; it leaves room for rounding.
+const ENOUGH: f64 = 1.0 + 1e-6;
 
 /// Cell and arms around an effector.
 #[derive(Debug, Clone)]
@@ -30,6 +35,43 @@ pub struct Surroundings {
 }
 
 impl Surroundings {
+    /// Checks the course on which the own arm, which is in the state `own`, would come to rest.
+    ///
+    /// # Errors
+    /// The limit of a joint that it would exceed, the obstacle to which it would come too near, or
+    /// the speed that is too high near the operator's hand or for a motor.
+    pub(super) fn check_onward(&self, course: Forecast, own: &ArmState) -> Result<(), String> {
+        let effector = self.effector;
+        // The guard knows two arms. The servo checks the limits of the others.
+        if effector > 1 {
+            return Ok(());
+        }
+        self.guard.check_limits(effector, &course).map_err(|why| why.to_string())?;
+        let mut arms: [Option<ArmState>; 2] =
+            [0, 1].map(|i| self.states.get(i).map(|state| *state.borrow()).filter(is_known));
+        arms[effector] = Some(*own);
+        let arms = arms.each_ref().map(Option::as_ref);
+        let guard = ways::present(&self.guard, arms).by_hand();
+        let from = arms.map(|arm| arm.map(|arm| &arm.desired_joints));
+        let begin = match course.at(0.0) {
+            Some(Place::Joints(joints)) => joints,
+            _ => own.desired_joints,
+        };
+        let seconds = course.seconds;
+        let way = PlannedMotion::Forecast(Arc::new(course));
+        let mut ways = [&PlannedMotion::Stays; 2];
+        ways[effector] = &way;
+        guard.check_paths(from, ways).map_err(|near| near.to_string())?;
+        let course = || guard.course(effector, &begin, &way);
+        if course().hand_speed_factor(seconds, |share| share) > ENOUGH {
+            return Err("it is too fast where the operator's hand may be".to_owned());
+        }
+        if course().motor_speed_factor(seconds, |share| share) > ENOUGH {
+            return Err("it is too fast for a motor".to_owned());
+        }
+        Ok(())
+    }
+
     /// Checks that a motion of the own arm brings it to no obstacle, and gives the motion more time
     /// if it is too fast. The arm is in the state `own.0`, and `own.1` is the tool frame in force
     /// if a task has changed it.
@@ -74,7 +116,7 @@ mod tests {
     use super::*;
     use crate::actors::move_instruction::example_manner;
     use crate::actors::testing::{meeting, to};
-    use crate::generators::own::MotionGenerator as _;
+    use crate::generators::own::{MotionGenerator as _, Places};
     use crate::generators::paths::{Along, JointPolyline};
     use crate::motion::{JointPositions, Synchronisation};
     use crate::reach::example_cell;
@@ -179,5 +221,32 @@ mod tests {
         // A motion that is slow enough stays as it was ordered.
         let slow = Behaviour::Joints { target: past(0.4), speed: 0.1, seconds: 0.0 };
         assert_eq!(passes(0.1), slow);
+    }
+    /// The course to rest of an arm that follows targets: into the other arm, beyond a limit, and
+    /// past the operator's hand.
+    #[test]
+    fn onward_course_keeps_off_obstacles_and_limits() {
+        let (meeting, along) = meeting();
+        let other = standing(meeting.postument);
+        let checked = |from: JointPositions, to: JointPositions, seconds: f64| {
+            let arm = standing(from);
+            let states = vec![watch::channel(arm).1, watch::channel(other).1];
+            let guard = Guard::of(&example_cell(), 0.25);
+            let course = Forecast { seconds, places: Places::Joints(vec![from, to]) };
+            Surroundings { effector: 0, guard, states }.check_onward(course, &arm)
+        };
+
+        assert_eq!(checked(along(-0.3), along(-0.4), 1.0), Ok(()));
+        let near = checked(along(-0.3), along(0.0), 1.0).unwrap_err();
+        assert!(near.contains("mm of each other"), "{near}");
+        let mut far = along(-0.3);
+        far.0[2] = 0.0;
+        let beyond = checked(along(-0.3), far, 1.0).unwrap_err();
+        assert!(beyond.contains("q2"), "{beyond}");
+        let fast = checked(along(-0.3), along(-0.4), 0.02).unwrap_err();
+        assert!(fast.contains("too fast for a motor"), "{fast}");
+        let past = |d0: f64| JointPositions([d0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
+        let fast = checked(past(0.2), past(0.4), 0.6).unwrap_err();
+        assert!(fast.contains("where the operator's hand may be"), "{fast}");
     }
 }

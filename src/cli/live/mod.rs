@@ -1,6 +1,7 @@
 //! `rubik-robot vision scan --camera`: reads a cube that is held before a camera, face by face.
 //!
-//! - in: a webcam; or a folder of pictures or a local socket, as the cameras of runs have
+//! - in: a webcam, a topic of ROS 2; or a folder of pictures or a local socket, as the cameras of
+//!   runs have
 //! - out: what the camera sees, on the terminal and on a page; at the end the line of `vision scan`
 
 mod page;
@@ -19,6 +20,8 @@ use crate::hw::webcam::device::{Encoding, Size};
 use crate::hw::webcam::negotiation::Wish;
 use crate::hw::webcam::{self, WebcamDevice};
 use crate::motion::PERIOD;
+use crate::net::{RosPlace, domain_of_environment};
+use crate::ros::RosCamera;
 use crate::run::ending_signals;
 use crate::vision::FaceSighting;
 use crate::vision::colours::face_letter;
@@ -47,7 +50,8 @@ const INTERRUPTED: u8 = 130;
 pub(super) struct CameraArgs {
     /// Camera before which the cube is held, face by face, instead of six pictures: a
     /// V4L2 device (/dev/video0, a link in /dev/v4l/by-id, or a serial number), a
-    /// folder of pictures, or the socket of another program
+    /// folder of pictures, the socket of another program, or ros:TOPIC for a topic
+    /// of ROS 2
     #[arg(long, value_name = "DEVICE", verbatim_doc_comment)]
     pub(super) camera: Option<String>,
     /// Size of the camera's pictures (px); without such a size the nearest one
@@ -62,6 +66,15 @@ pub(super) struct CameraArgs {
     /// Temperature of white light (K) [default: chosen by the camera]
     #[arg(long, requires = "camera", value_parser = white)]
     white_balance_k: Option<u32>,
+    /// Router of rmw_zenoh for ros:TOPIC; the domain is that of ROS_DOMAIN_ID, or 0
+    #[arg(
+        long,
+        value_name = "ENDPOINT",
+        requires = "camera",
+        default_value = "tcp/127.0.0.1:7447",
+        verbatim_doc_comment
+    )]
+    router: String,
     #[command(flatten)]
     ui: UiArgs,
 }
@@ -111,6 +124,13 @@ impl CameraArgs {
 
     /// Opens the camera; returns it with the longest time without a picture.
     fn open(&self, name: &str) -> Result<(Box<dyn FrameSource>, Duration), NoFrame> {
+        if let Some(topic) = name.strip_prefix("ros:") {
+            let refuse = |reason| NoFrame { camera: name.to_owned(), reason };
+            let domain = domain_of_environment().map_err(refuse)?.unwrap_or(0);
+            let place = RosPlace { router: self.router.clone(), domain };
+            let camera = RosCamera::open("of the scan", &place, topic, None)?;
+            return Ok((Box::new(camera), PATIENCE));
+        }
         let path = Path::new(name);
         if path.is_dir() {
             // A folder without a further picture has none later.

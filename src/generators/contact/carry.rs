@@ -257,7 +257,8 @@ mod tests {
             }
             let mut motions = [Motion::Hold; 2];
             for i in 0..2 {
-                let inputs = Inputs { arm: &states[i], target: None, period: 0, pace: 1.0 };
+                let inputs =
+                    Inputs { arm: &states[i], target: None, reading: None, period: 0, pace: 1.0 };
                 match carriers[i].next(&inputs) {
                     Next::Go(command) => motions[i] = command.motion,
                     Next::Done(outcome) => outcomes[i] = Some(outcome),

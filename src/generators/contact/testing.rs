@@ -67,7 +67,8 @@ pub(super) fn run<G: MotionGenerator>(
     let mut generator = G::begin(order, &site)?;
     let (mut last, mut now) = (start.translation.vector, 0.0);
     while now < seconds {
-        let inputs = Inputs { arm: &state, target: None, period: state.period, pace: 1.0 };
+        let inputs =
+            Inputs { arm: &state, target: None, reading: None, period: state.period, pace: 1.0 };
         let command = match generator.next(&inputs) {
             Next::Go(command) => command,
             Next::Done(outcome) => return Ok((Some(outcome), arm)),

@@ -144,7 +144,9 @@ mod tests {
         let mut along = begin(&OwnOrder { fraction: 0.5, ..order(0.8) }).unwrap();
         assert_eq!(along.touch(), Touch::Free, "a generator that says nothing about contact");
         let arm = ArmState::default();
-        let mut next = |pace| along.next(&Inputs { arm: &arm, target: None, period: 0, pace }).0;
+        let mut next = |pace| {
+            along.next(&Inputs { arm: &arm, target: None, reading: None, period: 0, pace }).0
+        };
         let velocity = |next: &Next| match next {
             Next::Go(command) => match command.motion {
                 Motion::Task { directions: [Direction::Unguarded { velocity }, ..], .. } => {

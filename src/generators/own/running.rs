@@ -9,7 +9,7 @@ use super::super::outcome::Next;
 use super::super::pace::slowed;
 use super::forecast::Forecast;
 use super::traits::{MotionGenerator, Pacing, Site, Touch};
-use crate::motion::MoveRefused;
+use crate::motion::{Motion, MoveRefused};
 use std::fmt;
 
 /// A generator without the type of its order.
@@ -21,6 +21,9 @@ trait Erased: Send + Sync {
     fn rests(&self) -> bool;
     fn tolerates(&self, why: &MoveRefused) -> bool;
     fn sensing(&self) -> Option<Sensing>;
+    fn sensor(&self) -> Option<&str>;
+    fn onward(&self) -> Option<Forecast>;
+    fn retreat(&mut self) -> Option<Motion>;
     fn tune(&mut self, compliance: &Compliance);
 }
 
@@ -51,6 +54,18 @@ impl<G: MotionGenerator> Erased for G {
 
     fn sensing(&self) -> Option<Sensing> {
         MotionGenerator::sensing(self)
+    }
+
+    fn sensor(&self) -> Option<&str> {
+        MotionGenerator::sensor(self)
+    }
+
+    fn onward(&self) -> Option<Forecast> {
+        MotionGenerator::onward(self)
+    }
+
+    fn retreat(&mut self) -> Option<Motion> {
+        MotionGenerator::retreat(self)
     }
 
     fn tune(&mut self, compliance: &Compliance) {
@@ -111,6 +126,24 @@ impl Running {
             return Err(defect);
         }
         Ok(Some(Forecast { seconds: forecast.seconds / self.fraction, ..forecast }))
+    }
+
+    /// Returns the name of the sensor whose reading each macrostep needs.
+    #[must_use]
+    pub fn sensor(&self) -> Option<&str> {
+        self.generator.sensor()
+    }
+
+    /// Returns the course from the set values of the last command to rest, if the generator
+    /// declares one.
+    #[must_use]
+    pub fn onward(&self) -> Option<Forecast> {
+        self.generator.onward()
+    }
+
+    /// Takes the last command back and returns the one that leads to rest.
+    pub fn retreat(&mut self) -> Option<Motion> {
+        self.generator.retreat()
     }
 
     /// Returns what the tool may touch on the way.

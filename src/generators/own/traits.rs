@@ -10,7 +10,7 @@ use super::super::outcome::Next;
 use super::super::position::Speeds;
 use super::forecast::Forecast;
 use super::order::OwnOrder;
-use crate::motion::{ArmState, MoveRefused, PERIOD};
+use crate::motion::{ArmState, Motion, MoveRefused, PERIOD};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -119,6 +119,26 @@ pub trait MotionGenerator: Send + Sync + Sized + 'static {
 
     /// Returns how the visual sensor must look from now on; `None` leaves it as it is.
     fn sensing(&self) -> Option<Sensing> {
+        None
+    }
+
+    /// Returns the name of the sensor whose reading each macrostep needs; `None` for no sensor. It
+    /// must belong to the ECP of the arm.
+    fn sensor(&self) -> Option<&str> {
+        None
+    }
+
+    /// Returns the course from the set values of the last command to rest, for a generator whose
+    /// course is not known beforehand, and `None` while the arm rests. The ECP checks it as it does
+    /// a forecast before it gives the command.
+    fn onward(&self) -> Option<Forecast> {
+        None
+    }
+
+    /// Takes the last command back, because the course of [`MotionGenerator::onward`] is not free,
+    /// and returns the one that brings the arm to rest on the course that was checked before.
+    /// `None`: the generator declares no such course.
+    fn retreat(&mut self) -> Option<Motion> {
         None
     }
 

@@ -48,7 +48,7 @@ fn run<O: PathOrder>(
         pace = if paused { pace.saturating_sub(1) } else { (pace + 1).min(RAMP) };
         let share = f64::from(pace) / f64::from(RAMP);
         let pace = fraction * share * share * (3.0 - 2.0 * share);
-        match along.next(&Inputs { arm, target: None, period: 0, pace }) {
+        match along.next(&Inputs { arm, target: None, reading: None, period: 0, pace }) {
             Next::Go(command) => course.push(command.motion),
             Next::Done(outcome) => {
                 assert_eq!(outcome, Outcome::Reached);
@@ -250,6 +250,7 @@ fn pause_stops_line_within_stopping_distance() {
     let step = |along: &mut Along<Line>, pace: f64| match along.next(&Inputs {
         arm: &arm,
         target: None,
+        reading: None,
         period: 0,
         pace,
     }) {
