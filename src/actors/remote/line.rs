@@ -108,14 +108,17 @@ impl<T: Carried> Receiver<T> {
             let (lane, parcel) = self.parcels.recv().await?;
             match self.read(lane, &parcel).transpose() {
                 // Pictures are for people: a wrong one must not end a run.
-                Some(Err(why)) if lane == Lane::Pictures => {
-                    if !std::mem::replace(&mut self.has_refused, true) {
-                        tracing::warn!("a picture of another node was refused: {why}");
-                    }
-                }
+                Some(Err(why)) if lane == Lane::Pictures => self.refuse(&why),
                 Some(read) => return Some(read),
                 None => {}
             }
+        }
+    }
+
+    /// Reports the first picture that cannot be read.
+    fn refuse(&mut self, why: &str) {
+        if !std::mem::replace(&mut self.has_refused, true) {
+            tracing::warn!("a picture of another node was refused: {why}");
         }
     }
 
