@@ -135,8 +135,8 @@ section! {
         /// Source of the images: "renderer", which on hardware is the device; "ros", a topic of ROS
         /// 2; or a folder of image files relative to the scenario's folder.
         source: String = "renderer".to_owned();
-        /// Topic of the images with source = "ros" [default: /NAME/image_raw]: messages
-        /// sensor_msgs/Image (rgb8, bgr8, mono8) or CompressedImage (JPEG, PNG).
+        /// Topic of the images with source = "ros" [default: `/NAME/image_raw`]: messages
+        /// `sensor_msgs/Image` (rgb8, bgr8, mono8) or `CompressedImage` (JPEG, PNG).
         topic: Option<String> = None;
         /// Place to which the camera is fixed: the world, or the flange of an effector.
         mount: MountKind = MountKind::World;

@@ -66,7 +66,7 @@ pub(super) struct CameraArgs {
     /// Temperature of white light (K) [default: chosen by the camera]
     #[arg(long, requires = "camera", value_parser = white)]
     white_balance_k: Option<u32>,
-    /// Router of rmw_zenoh for ros:TOPIC; the domain is that of ROS_DOMAIN_ID, or 0
+    /// Router of `rmw_zenoh` for ros:TOPIC; the domain is that of `ROS_DOMAIN_ID`, or 0
     #[arg(
         long,
         value_name = "ENDPOINT",

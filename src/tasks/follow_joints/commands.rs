@@ -62,7 +62,7 @@ pub(super) fn targets(
     arms: &[ArmState],
 ) -> Result<Targets, String> {
     // A command without an age, as NaN, is stale as well.
-    if !(command.age <= limits.stale) {
+    if command.age.is_nan() || command.age > limits.stale {
         return Ok(Targets { arms: vec![None; known.len()] });
     }
     let mut found = vec![[None; AXES]; known.len()];
@@ -121,7 +121,7 @@ fn check(
     }
     let most = if axis == 0 { limits.track_jump } else { limits.jump };
     let jump = (position - arm.0[axis]).abs();
-    if !(jump <= most) {
+    if jump.is_nan() || jump > most {
         return Err(format!(
             "{name}: a jump of {:.1} {unit} from the arm, at most {:.1} {unit}",
             jump * scale,

@@ -15,7 +15,7 @@ section! {
 section! {
     /// Sensor `joint_commands`: positions of joints from a topic of ROS 2.
     pub SensorKeys {
-        /// Topic of the commands: messages sensor_msgs/JointState.
+        /// Topic of the commands: messages `sensor_msgs/JointState`.
         topic: String = "/joint_commands".to_owned();
         /// Age of the last command above which the arms hold.
         stale [ms]: f64 = 500.0, 20.0..=500.0;

@@ -1,4 +1,4 @@
-//! The task `follow_joints`: the arms follow joint commands of another program, such as MoveIt by
+//! The task `follow_joints`: the arms follow joint commands of another program, such as `MoveIt` by
 //! `ros2_control`.
 //!
 //! The commands come by a sensor, `joint_commands`, whose readings are recorded like those of any
@@ -24,6 +24,7 @@ mod keys;
 pub use door::{FollowJoints, JointCommands};
 pub use keys::{Keys, SensorKeys};
 
+use crate::generators::Outcome;
 use crate::generators::follow::{Follow, FollowOrder, Followed};
 use crate::generators::own::MotionGenerator as _;
 use crate::kernel::Until;
@@ -62,7 +63,7 @@ async fn follow(robot: Robot, order: Order) -> Result<String, Hindrance> {
     let orders = orders.collect::<Result<Vec<_>, _>>()?;
     let outcomes = robot.behave_all(orders, Until::All).await?;
     let accounts: Vec<Followed> =
-        outcomes.iter().flatten().filter_map(|outcome| outcome.result::<Followed>()).collect();
+        outcomes.iter().flatten().filter_map(Outcome::result::<Followed>).collect();
     let figure = |of: fn(&Followed) -> f64| accounts.iter().map(of).collect::<Vec<f64>>();
     robot.report("followed_s", figure(|account| account.followed));
     robot.report("held_s", figure(|account| account.held));
