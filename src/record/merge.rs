@@ -102,8 +102,8 @@ pub(crate) enum Unmerged {
 
 impl Unmerged {
     /// Makes the error of a recording.
-    fn of(file: &str, why: impl ToString) -> Self {
-        Self::Part { file: file.to_owned(), why: why.to_string() }
+    fn of(file: &str, why: impl Into<String>) -> Self {
+        Self::Part { file: file.to_owned(), why: why.into() }
     }
 }
 
@@ -196,11 +196,13 @@ pub(crate) fn check(parts: &[&Part]) -> Result<(), Unmerged> {
             }
         }
     }
-    for pair in parts.windows(2).filter(|pair| pair[0].node == pair[1].node) {
-        let why = format!("it is of {}, as {} is", pair[1].who(), pair[0].file);
-        return Err(Unmerged::of(&pair[1].file, why));
+    match parts.windows(2).find(|pair| pair[0].node == pair[1].node) {
+        Some(pair) => {
+            let why = format!("it is of {}, as {} is", pair[1].who(), pair[0].file);
+            Err(Unmerged::of(&pair[1].file, why))
+        }
+        None => Ok(()),
     }
-    Ok(())
 }
 
 /// Recording that is being merged.
@@ -296,12 +298,12 @@ impl<W: Write + Seek> Merger<W> {
     fn advance<R: Read>(&mut self, source: &mut Source<'_, R>) -> Result<(), Unmerged> {
         let before = source.next.take().map_or(0, |(order, _)| order);
         let part = source.part;
-        while let Some(piece) = source.reading.next() {
+        for piece in source.reading.by_ref() {
             match piece {
                 Piece::Message(mut message) => {
                     let failed = |why: Malformed| {
                         let topic = message.channel.topic.clone();
-                        Unmerged::of(&part.file, Unreadable::Message { topic, why })
+                        Unmerged::of(&part.file, Unreadable::Message { topic, why }.to_string())
                     };
                     let kept = if part.node.is_empty() {
                         self.keeps(&message).map_err(failed)?
@@ -319,7 +321,7 @@ impl<W: Write + Seek> Merger<W> {
                     source.next = Some((before.max(message.time), message));
                     return Ok(());
                 }
-                Piece::Metadata(name, facts) => self.metadata(part, name, facts)?,
+                Piece::Metadata(name, facts) => self.metadata(part, &name, facts)?,
                 Piece::Attachment(name, media_type, data) if part.node.is_empty() => {
                     self.writer
                         .attach(&mcap::Attachment {
@@ -355,8 +357,7 @@ impl<W: Write + Seek> Merger<W> {
     /// Returns a message of another node with the time of MP's node.
     fn carried(&self, part: &Part, message: &Message) -> Result<Message, Malformed> {
         let time = part.at_home(message.time, self.home);
-        let Message { channel, mut data, .. } = message.clone();
-        let mut channel = channel;
+        let Message { mut channel, mut data, .. } = message.clone();
         match (channel.topic.as_str(), channel.schema.kind.as_str()) {
             (OFFSET, _) => {
                 let topic = format!("/{}{OFFSET}", part.node);
@@ -385,13 +386,13 @@ impl<W: Write + Seek> Merger<W> {
     fn metadata(
         &mut self,
         part: &Part,
-        name: String,
+        name: &str,
         facts: BTreeMap<String, String>,
     ) -> Result<(), Unwritten> {
         let number = |facts: &BTreeMap<String, String>, key: &str| {
             facts.get(key).and_then(|text| text.parse().ok()).unwrap_or(0_u64)
         };
-        match name.as_str() {
+        match name {
             "recording" => self.lost += number(&facts, "lost"),
             "vision" if number(&facts, "faces") > number(&self.vision, "faces") => {
                 self.vision = facts;
@@ -399,7 +400,7 @@ impl<W: Write + Seek> Merger<W> {
             "vision" => {}
             // The merged recording is of no single node.
             OF_NODE => self.put(&format!("{OF_NODE} of {}", part.who()), &facts)?,
-            _ if part.node.is_empty() => self.put(&name, &facts)?,
+            _ if part.node.is_empty() => self.put(name, &facts)?,
             _ => self.put(&format!("{name} of {}", part.who()), &facts)?,
         }
         Ok(())
