@@ -6,6 +6,7 @@
 use super::catalogue;
 use super::engine::{PlanSearch, default_tables};
 use super::output::{Output, WRONG, complain, refuse};
+use super::scenarios;
 use super::solve::{Refusal, read};
 use crate::cube::{Cube, format_turns};
 use crate::run;
@@ -37,7 +38,7 @@ pub(super) struct PlanArgs {
     #[arg(long)]
     explain: bool,
     /// Scenario file (TOML) with the cell [default: the built-in cell]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = scenarios::parser())]
     scenario: Option<PathBuf>,
     /// Print one line of JSON
     #[arg(long)]
