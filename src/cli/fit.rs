@@ -69,18 +69,22 @@ fn fitted(text: &str, columns: usize) -> String {
     fitted
 }
 
-/// Returns whether `next` continues the sentence of `line`: it has the indent of its text, and its
-/// first word had no room in that line.
+/// Returns whether `next` continues the sentence of `line`: it has the indent of its text, and it
+/// begins in lower case, or its first word had no room in that line.
 fn continues(line: &str, next: &str, hanging: usize) -> bool {
     let indent = next.len() - next.trim_start().len();
     let word = next.split_whitespace().next().unwrap_or_default();
-    let prose = !word.is_empty() && !next.contains("rubik-robot ") && !is_command(line);
-    prose && indent == hanging && width(line) + 1 + word.width() > SOURCE
+    // A word in brackets is a default, which has a line of its own.
+    let prose = !word.is_empty() && !word.starts_with('[') && text_start(next).is_none();
+    let filled = width(line) + 1 + word.width() > SOURCE;
+    let same = filled || line.ends_with(',') || word.starts_with(char::is_lowercase);
+    prose && same && indent == hanging && !is_command(line) && !is_command(next)
 }
 
 /// Returns whether a line has an example of a command.
 fn is_command(line: &str) -> bool {
-    line.starts_with("  ") && line.contains("rubik-robot ") && !line.contains("  rubik-robot run`")
+    let indent = line.len() - line.trim_start().len();
+    indent == 2 && line.contains("rubik-robot ") && !line.contains("`rubik-robot ")
 }
 
 /// Breaks a line between words into lines of at most `columns` columns.

@@ -5,9 +5,9 @@
 
 use super::catalogue;
 use super::engine::{PlanSearch, default_tables};
-use super::output::{Output, WRONG, complain, refuse};
+use super::output::{Output, WRONG, complain, inform, refuse};
 use super::scenarios;
-use super::solve::{Refusal, read};
+use super::solve::{Refusal, read, scramble_of};
 use crate::cube::{Cube, format_turns};
 use crate::run;
 use crate::solver::{self, Budget};
@@ -111,6 +111,9 @@ fn print_refusal(refusal: &Refusal, args: &PlanArgs, output: &mut Output) -> any
     } else {
         let repair = refusal.repair().map(|r| format!("; smallest repair: {r}"));
         complain(&format!("{}{}", refusal.message(), repair.unwrap_or_default()));
+        if let Some(advice) = scramble_of(&args.cube) {
+            inform(&advice);
+        }
     }
     Ok(WRONG)
 }

@@ -86,7 +86,7 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// Returns `text` if it fits into `columns` of a terminal, otherwise its beginning with an ellipsis.
+/// Returns `text` if it fits into `columns` of a terminal, otherwise its beginning and an ellipsis.
 #[must_use]
 pub fn shortened(text: &str, columns: usize) -> Cow<'_, str> {
     if text.width() <= columns {
