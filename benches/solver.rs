@@ -145,7 +145,8 @@ fn ours(
         let stop = AtomicBool::new(false);
         // A search for a length without a limit of nodes can skip longer solutions from the start.
         let longest = (budget.nodes == u64::MAX).then_some(budget.max_length);
-        let watch = Watch { workers: &InTurn, stop: &stop, improved: &|_| (), longest };
+        let watch =
+            Watch { workers: &InTurn, stop: &stop, improved: &|_| (), excluded: &|_| (), longest };
         let (mut times, mut turns) = (Vec::new(), 0);
         for cube in cubes {
             let before = cpu();
@@ -226,7 +227,13 @@ fn proven(cubes: &[Cube], store: &Store, tables: &Tables) {
         let Ok(bytes) = store.open(spec, &all) else { continue };
         let search = Optimal::new((*bytes).as_ref()).unwrap();
         let stop = AtomicBool::new(false);
-        let watch = Watch { workers: &InTurn, stop: &stop, improved: &|_| (), longest: None };
+        let watch = Watch {
+            workers: &InTurn,
+            stop: &stop,
+            improved: &|_| (),
+            excluded: &|_| (),
+            longest: None,
+        };
         println!(
             "\nproven, table {} of {:.0} MB; CPU time [s] by length",
             spec.name,

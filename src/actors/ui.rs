@@ -18,13 +18,13 @@ use super::trace::Trace;
 use super::tuning::Orders;
 use crate::desk::{Desk, Given, Inputs, RunEnd, UiEnd};
 use crate::emergency_stop::{StopButton, StopSignal};
-use crate::hw::text::printable;
+use crate::hw::console::{self, Tone};
 use crate::operator::parameter::AllBounds;
 use crate::operator::{Class, Input, OutcomeView};
 use crate::record::recorder::Recorder;
 use crate::record::run_hash::RunHash;
 use std::borrow::Cow;
-use std::io::{BufRead, Write};
+use std::io::BufRead;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
@@ -56,6 +56,8 @@ pub struct Parts {
     pub quiet: bool,
     /// Whether it reads keys from stdin.
     pub keys: bool,
+    /// Whether no other UI gives inputs: then the end of stdin starts the run.
+    pub alone: bool,
     /// Parts of the run on which inputs act.
     pub controls: OperatorControls,
     /// The run's end of the desk; `None` without a UI.
@@ -91,8 +93,7 @@ impl Ui {
         let (trace, notices) = Trace::new(parts.hash.clone(), parts.recorder, parts.latest);
         let desk = parts.desk.unwrap_or_else(|| Desk::default().run_end());
         if parts.keys {
-            // Without a presenter there is no page or terminal UI either.
-            listen_to_stdin(desk.ui_end(), parts.presenter.is_none())?;
+            listen_to_stdin(desk.ui_end(), parts.alone)?;
         }
         let (stop_button, stop_signal) = (desk.stop_button(), desk.stop_signal());
         // A runtime of its own: that of the run may have a paused clock.
@@ -201,23 +202,22 @@ fn print(notice: &Notice) {
         Notice::Elsewhere(_, _, who, text) => tracing::info!("{who}: {text}"),
         Notice::Over(_) => return,
     }
-    let mut err = std::io::stderr().lock();
-    // A failure to write is ignored: a closed stderr has no reader.
-    let _ = match notice {
-        Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {}", printable(name)),
-        Notice::Note(_, text) | Notice::Warning(_, text) => {
-            writeln!(err, "       note: {}", printable(text))
-        }
+    match notice {
+        Notice::Phase(t, name) => console::timed(Tone::Plain, &format!("{t:9.2} s  {name}")),
+        Notice::Note(_, text) => console::timed(Tone::Plain, &format!("       note: {text}")),
+        Notice::Warning(_, text) => console::timed(Tone::Warning, &format!("       note: {text}")),
         Notice::Elsewhere(t, class, who, text) => {
-            let mark = if *class > Class::Warning { "!" } else { "note:" };
-            writeln!(err, "{t:9.2} s  {mark} {}: {}", printable(who), printable(text))
+            let (tone, mark) = match class {
+                Class::Info => (Tone::Plain, "note:"),
+                Class::Warning => (Tone::Warning, "note:"),
+                Class::NonFatal | Class::Fatal | Class::System => (Tone::Error, "!"),
+            };
+            console::timed(tone, &format!("{t:9.2} s  {mark} {who}: {text}"));
         }
         // A camera or a bridge may have sent the reason.
-        Notice::Error(t, error) => {
-            writeln!(err, "{t:9.2} s  ! {}", printable(&error.to_string()))
-        }
-        Notice::Over(_) => Ok(()),
-    };
+        Notice::Error(t, error) => console::timed(Tone::Error, &format!("{t:9.2} s  ! {error}")),
+        Notice::Over(_) => {}
+    }
 }
 
 /// Applies an input to the run. Returns whether it changed anything, or the reason for a refusal.
@@ -290,11 +290,8 @@ fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, Cow<'static
 /// # Errors
 /// The error of the operating system, if it refuses another thread.
 fn listen_to_stdin(desk: UiEnd, alone: bool) -> std::io::Result<()> {
-    let mut err = std::io::stderr().lock();
-    let _ = writeln!(
-        err,
-        "keys: s start, p pause, r resume, t terminate, e emergency stop; Enter after each"
-    );
+    let keys = "keys: s start, p pause, r resume, t terminate, e emergency stop; Enter after each";
+    console::line(Tone::Plain, keys);
     let work = move || listen(std::io::stdin().lock(), &desk, alone);
     std::thread::Builder::new().name("keys".into()).spawn(work)?;
     Ok(())
@@ -323,7 +320,8 @@ fn listen(lines: impl BufRead, desk: &UiEnd, alone: bool) {
             "t" | "terminate" | "q" => Input::Terminate,
             "e" | "stop" => Input::EmergencyStop,
             other => {
-                let _ = writeln!(std::io::stderr(), "unknown key '{other}': use s, p, r, t or e");
+                let words = format!("unknown key '{other}': use s, p, r, t or e");
+                console::line(Tone::Warning, &words);
                 continue;
             }
         };

@@ -2,6 +2,7 @@
 
 use super::catalogue;
 use super::output::refuse;
+use super::scenarios;
 use crate::hw::devices::{self, NAME_DEVICES};
 use crate::hw::text;
 use crate::scenario::{Override, Scenario};
@@ -13,7 +14,9 @@ use std::path::PathBuf;
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Clone, Args)]
 pub(super) struct ScenarioArgs {
-    /// Scenario file (TOML); shipped:solve and shipped:table are built into the program
+    /// Scenario: a file (TOML), or a name, as in solve; shipped:solve and
+    /// shipped:table are built into the program
+    #[arg(value_parser = scenarios::parser(), verbatim_doc_comment)]
     pub(super) scenario: PathBuf,
     /// Override of a key, as in control.grip_n=30; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]

@@ -8,7 +8,8 @@
 use super::arguments::{ScenarioArgs, not_negative};
 use super::campaign::{Campaign, LAST_SEED, Performed, Shape, seedless};
 use super::campaign_report::writable;
-use super::output::{Output, WRONG, clash, complain, refuse, save};
+use super::output::{Output, WRONG, clash, inform, refuse, save, warn};
+use super::scenarios;
 use super::stop::INTERRUPTED;
 use crate::campaign::benchmark::{Kind, Score, clearances, score, scramble, scrambled, tier};
 use crate::campaign::protocol::{Setup, protocol};
@@ -58,7 +59,7 @@ pub(super) struct BenchmarkArgs {
     tier: Option<Kind>,
     /// Scenario file (TOML) with the task solve [default: the built-in
     /// shipped:table with --tier, shipped:solve with --mission]
-    #[arg(long, value_name = "FILE", verbatim_doc_comment)]
+    #[arg(long, value_name = "FILE", value_parser = scenarios::parser(), verbatim_doc_comment)]
     scenario: Option<PathBuf>,
     /// Override of a key in all trials, as in control.grip_n=30; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -186,9 +187,9 @@ fn campaign(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs) -> anyhow::Re
 fn keep(path: &Path, text: &str, tally: &Tally) -> anyhow::Result<()> {
     if tally.runs() > 0 {
         save(path, text.as_bytes())?;
-        complain(&format!("protocol: {}", path.display()));
+        inform(&format!("protocol: {}", path.display()));
     } else {
-        complain(&format!("no trial has a result: the file {} is not written", path.display()));
+        warn(&format!("no trial has a result: the file {} is not written", path.display()));
     }
     Ok(())
 }

@@ -5,7 +5,7 @@
 //! - out: a table of the values and of the errors that are left; the camera sections as TOML
 
 use super::arguments::ScenarioArgs;
-use super::output::{Output, clash, complain, refuse, save};
+use super::output::{Output, clash, inform, refuse, save, warn};
 use crate::cell::{Camera, Cell, Mount};
 use crate::run::calibrate::{self, Errors, Report};
 use crate::scenario::{CameraSource, ControllerConfig};
@@ -90,7 +90,7 @@ pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Re
         }
     };
     // Progress goes to stderr: a calibration of all cameras takes a while.
-    let reports = calibrate::run(&scenario, wanted, args.views as usize, complain)
+    let reports = calibrate::run(&scenario, wanted, args.views as usize, inform)
         .map_err(|error| anyhow::anyhow!("{error}"))?;
     if args.json {
         let all: Vec<Value> =
@@ -107,7 +107,7 @@ pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Re
             save(path, section(&scenario.controller, &reports).as_bytes())?;
         } else {
             let path = path.display();
-            complain(&format!("no camera was calibrated: the file {path} is not written"));
+            warn(&format!("no camera was calibrated: the file {path} is not written"));
         }
     }
     Ok(u8::from(reports.iter().any(|r| r.found.is_err())))

@@ -10,8 +10,9 @@ use super::campaign_report::ResultArgs;
 use super::catalogue;
 use super::merge::{MergeArgs, merge};
 use super::mix::{Size, mixed};
-use super::output::{Output, WRONG, clash, complain, refuse};
+use super::output::{Output, WRONG, clash, complain, inform, refuse, warn};
 use super::progress::Bar;
+use super::scenarios;
 use super::shards;
 use super::status::{StatusArgs, status};
 use super::stop::{INTERRUPTED, stop_flag};
@@ -96,8 +97,9 @@ usage, scenario or state file, or the scenario changed meanwhile; 4 system error
 pub(super) struct CampaignArgs {
     #[command(subcommand)]
     part: Option<Part>,
-    /// Scenario file (TOML); shipped:solve and shipped:table are built into the program
-    #[arg(required = true)]
+    /// Scenario: a file (TOML), or a name, as in solve; shipped:solve and
+    /// shipped:table are built into the program
+    #[arg(required = true, value_parser = scenarios::parser(), verbatim_doc_comment)]
     scenario: Option<PathBuf>,
     /// Override of a key in all runs, as in control.grip_n=30; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -214,7 +216,7 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     let performed = campaign.perform("campaign")?;
     let interrupted = performed == Performed::Interrupted;
     if interrupted && args.state.is_none() {
-        complain("interrupted: with --state FILE a campaign can be continued");
+        inform("interrupted: with --state FILE a campaign can be continued");
     }
     // A campaign that ended early reports the results that it has.
     let code = args.result.report(&Tally::of(&campaign.state), output)?;
@@ -445,7 +447,7 @@ impl Campaign {
             0 => String::new(),
             lines => format!("; {lines} damaged lines are left out and their runs are repeated"),
         };
-        complain(&format!(
+        inform(&format!(
             "{}: has {} of {} runs, the campaign continues{damaged}{cut}",
             path.display(),
             found.results.len(),
@@ -499,7 +501,7 @@ impl Campaign {
         match performed {
             Err(why) if why.get_ref().and_then(|why| why.downcast_ref::<Changed>()).is_some() => {
                 bar.end(&format!("{done} runs, ended early,"));
-                complain(&why.to_string());
+                warn(&why.to_string());
                 return Ok(Performed::Changed);
             }
             performed => performed.context("the campaign's results")?,
@@ -571,10 +573,10 @@ fn soaked(
     let hours = positive_hours("--soak", hours)?;
     let scenarios = soak_scenarios(scenario, args)?;
     let stop = stop_flag()?;
-    complain("     hours  missions  memory [MiB]  times real time  mission [s]  drift [s]");
+    inform("     hours  missions  memory [MiB]  times real time  mission [s]  drift [s]");
     let soak = soak(&scenarios, hours, &stop, |t| {
         let memory = t.resident_mib.map_or_else(|| "-".to_owned(), |m| format!("{m:.1}"));
-        complain(&format!(
+        inform(&format!(
             "{:>10.3} {:>9} {memory:>13} {:>16.1} {:>12.1} {:>10.3}",
             t.hours, t.missions, t.times_real_time, t.mission_s, t.drift_s
         ));

@@ -3,7 +3,7 @@
 //! - in: the summed results, [`Tally`]
 //! - out: a table or one line of JSON, a page, 0 or 1 for the share of `--at-least`
 
-use super::output::{Output, complain, save};
+use super::output::{Output, complain, inform, save, warn};
 use crate::campaign::page;
 use crate::campaign::tally::Tally;
 use crate::record::place::Place;
@@ -40,7 +40,7 @@ impl ResultArgs {
     /// Prints a tally, writes its page, and compares it with `--at-least`; returns the exit code.
     pub(super) fn report(&self, tally: &Tally, output: &mut Output) -> anyhow::Result<u8> {
         if !tally.is_complete() {
-            complain(&format!("{} of {} runs have a result", tally.runs(), tally.asked));
+            inform(&format!("{} of {} runs have a result", tally.runs(), tally.asked));
         }
         if self.json {
             output.line(&tally.json().to_string())?;
@@ -51,10 +51,10 @@ impl ResultArgs {
         if let Some(path) = &self.output {
             if tally.runs() > 0 {
                 save(path, page::page(tally, self.at_least).as_bytes())?;
-                complain(&format!("report: {}", path.display()));
+                inform(&format!("report: {}", path.display()));
             } else {
                 let path = path.display();
-                complain(&format!("no run has a result: the file {path} is not written"));
+                warn(&format!("no run has a result: the file {path} is not written"));
             }
         }
         let Some(share) = self.at_least else { return Ok(0) };

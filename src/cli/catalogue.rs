@@ -3,6 +3,7 @@
 //! A process has one command line, and so one catalogue of tasks. It is set once, before the
 //! arguments are read.
 
+use super::scenarios;
 use crate::scenario::catalogue::Catalogue;
 use crate::scenario::fault::Faults;
 use crate::scenario::maker::Maker;
@@ -30,7 +31,15 @@ fn catalogue() -> &'static Catalogue {
 /// # Errors
 /// All faults of the file and of the overrides.
 pub(super) fn load(path: &Path, overrides: &[Override]) -> Result<Scenario, Faults> {
-    scenario::load(path, overrides, catalogue())
+    scenario::load(path, overrides, catalogue()).map_err(|mut faults| {
+        // The only fault of a file that is not there is its name.
+        if let [fault] = faults.0.as_mut_slice()
+            && !path.exists()
+        {
+            fault.help = Some(scenarios::advice(path));
+        }
+        faults
+    })
 }
 
 /// Reads the text of a scenario with the tasks of this process.

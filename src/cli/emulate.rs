@@ -5,7 +5,7 @@
 //!   simulated plant, as a table or as one line of JSON
 
 use super::arguments::{ScenarioArgs, not_negative};
-use super::output::{Output, complain, refuse};
+use super::output::{Output, complain, inform, refuse, warn};
 use crate::cell::Arm;
 use crate::error::Error;
 use crate::hw::emulator::{At, EmulatorOptions, LineFaults, SensorKind};
@@ -137,24 +137,24 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
     // This is called once the devices exist: it tells the user how to start the run.
     let announce = |places: &crate::hw::devices::Devices, warnings: &[String]| {
         for warning in warnings {
-            complain(&format!("not real time: {warning}; see rubik-robot doctor"));
+            warn(&format!("not real time: {warning}; see rubik-robot doctor"));
         }
         // The fixed arm has no track: the path of that axis is empty.
         let lines: usize =
             places.effector.iter().map(|e| e.axes.iter().filter(|a| !a.is_empty()).count()).sum();
-        complain(&format!(
+        inform(&format!(
             "{lines} axes, {} force sensors and {} cameras are ready: {}",
             places.effector.len(),
             places.camera.len(),
             devices.display()
         ));
         if !scenario.bridge.kind.is_hardware() {
-            complain(
+            warn(
                 "this scenario simulates its own plant, and its run connects to nothing: set \
                  bridge.kind = \"serial\" for the run, as below",
             );
         }
-        complain(&format!("start the run in another terminal: {}", run_line(args, &scenario)));
+        inform(&format!("start the run in another terminal: {}", run_line(args, &scenario)));
     };
     match emulate(&scenario, options, &devices, announce) {
         Ok(done) => {

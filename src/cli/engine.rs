@@ -11,8 +11,8 @@
 //! | robot | the fastest plan of many two-phase solutions (`PlanSearch`) | no |
 
 use super::catalogue;
-use super::output::complain;
-use super::progress::{Bar, print_news};
+use super::output::warn;
+use super::progress::{Bar, Waiting, print_news};
 use crate::cube::{Cube, Turn};
 use crate::run;
 use crate::solver::korf::{self, Korf};
@@ -28,6 +28,7 @@ use clap::ValueEnum;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Mode of the solver.
@@ -86,6 +87,14 @@ pub(super) enum Unsolved {
     NotFound(String),
 }
 
+/// Listener that gets what a search has found until now, in words.
+pub(super) type Found<'a> = &'a (dyn Fn(&str) + Sync);
+
+/// Returns words for a solution of this many turns.
+fn solution_of(turns: usize) -> String {
+    format!("a solution of {turns} turns is found")
+}
+
 /// Solver of one mode, with its limits and tables.
 pub(super) struct Engine {
     mode: Mode,
@@ -133,22 +142,22 @@ impl Engine {
         }
     }
 
-    /// Solves a cube.
+    /// Solves a cube. `found` gets what the search has found.
     ///
     /// # Errors
     /// Reason why there is no solution within the limits.
-    pub(super) fn solve(&self, cube: &Cube) -> Result<Answer, Unsolved> {
+    pub(super) fn solve(&self, cube: &Cube, found: Found<'_>) -> Result<Answer, Unsolved> {
         let begun = Instant::now();
-        let found = match self.mode {
+        let solution = match self.mode {
             // Without a maximum length the first solution needs no limits of the search.
             Mode::First if self.limits.max_length.is_none() => {
                 solver::solve(cube, &self.tables, &Budget::FIRST)
             }
-            Mode::First | Mode::TwoPhase => self.two_phase(cube),
-            Mode::Korf | Mode::Optimal => self.shortest(cube)?,
+            Mode::First | Mode::TwoPhase => self.two_phase(cube, found),
+            Mode::Korf | Mode::Optimal => self.shortest(cube, found)?,
             Mode::Robot => self.for_arms(cube)?,
         };
-        let solver::Solution { turns, nodes, proven } = found;
+        let solver::Solution { turns, nodes, proven } = solution;
         // A search with a maximum length may end without a solution.
         if turns.is_empty() && !cube.is_solved() {
             let asked = self.limits.max_length.unwrap_or_default();
@@ -161,7 +170,7 @@ impl Engine {
     }
 
     /// Searches in two phases within the limits. The solution has no turns if none is found.
-    fn two_phase(&self, cube: &Cube) -> solver::Solution {
+    fn two_phase(&self, cube: &Cube, found: Found<'_>) -> solver::Solution {
         let Limits { max_length, time, nodes } = self.limits;
         // A maximum length ends the search by itself, so it needs no limit of states.
         let usual = if time.is_none() && max_length.is_none() { USUAL_NODES } else { u64::MAX };
@@ -172,7 +181,8 @@ impl Engine {
         let watch = Watch {
             workers,
             stop: &stop,
-            improved: &|_| (),
+            improved: &|turns| found(&solution_of(turns.len())),
+            excluded: &|_| (),
             // With a budget a longer solution is better than none. Without one it is of no use.
             longest: max_length.filter(|_| time.is_none() && nodes.is_none()),
         };
@@ -184,7 +194,7 @@ impl Engine {
     /// # Errors
     /// The proof that there is no solution within the maximum length, or the reason why none was
     /// found.
-    fn shortest(&self, cube: &Cube) -> Result<solver::Solution, Unsolved> {
+    fn shortest(&self, cube: &Cube, found: Found<'_>) -> Result<solver::Solution, Unsolved> {
         let no_tables = || {
             Unsolved::NotFound(
                 "the tables of this mode cannot be used: `rubik-robot tables verify` says why"
@@ -194,7 +204,13 @@ impl Engine {
         let exact = self.exact.as_ref().ok_or_else(no_tables)?;
         let stop = AtomicBool::new(false);
         let threads = Threads::new(self.threads);
-        let watch = Watch { workers: &threads, stop: &stop, improved: &|_| (), longest: None };
+        let watch = Watch {
+            workers: &threads,
+            stop: &stop,
+            improved: &|turns| found(&solution_of(turns.len())),
+            excluded: &|length| found(&format!("no solution has {length} turns or fewer")),
+            longest: None,
+        };
         let limits = optimal::Limits {
             max_length: self.limits.max_length.unwrap_or(optimal::Limits::NONE.max_length),
             max_nodes: self.limits.nodes.unwrap_or(u64::MAX),
@@ -202,7 +218,7 @@ impl Engine {
         let found = within(self.limits.time, &stop, || match exact {
             Exact::Korf(korf) => {
                 let optimal::Answer { turns, at_least, nodes } =
-                    korf.solve(cube, limits, &threads, &stop);
+                    korf.solve_watched(cube, limits, &watch);
                 // Korf's search deepens turn by turn, so its first solution is a shortest one.
                 let at_least = turns.as_ref().map_or(at_least, |t| t.len() as u8);
                 Shortest { turns, at_least, nodes }
@@ -325,7 +341,7 @@ fn sound(store: &Store, spec: &TableSpec, workers: Threads) -> Option<Bytes> {
     if let Err(reason) = &opened
         && !matches!(reason, Unusable::Absent)
     {
-        complain(&format!(
+        warn(&format!(
             "table {} cannot be used ({reason}): continuing without it; `rubik-robot tables build \
              {}` builds it again",
             spec.name, spec.name
@@ -336,8 +352,14 @@ fn sound(store: &Store, spec: &TableSpec, workers: Threads) -> Option<Bytes> {
 
 /// Obtains a table from the store. Shows a progress bar if it must be built.
 fn obtain(store: &Store, spec: &TableSpec, workers: Threads) -> Bytes {
+    // A large table takes seconds to be read. If it must be built, a bar replaces this line.
+    let words = format!("reading the table {}", spec.name);
+    let reading = Mutex::new(Some(Waiting::begin(&words)));
     let bar = Bar::new(spec.name);
-    let listener = |spec: &TableSpec, news: crate::tables::News<'_>| print_news(spec, &news);
+    let listener = |spec: &TableSpec, news: crate::tables::News<'_>| {
+        drop(reading.lock().unwrap_or_else(PoisonError::into_inner).take());
+        print_news(spec, &news);
+    };
     let observer = Observer { listener: &listener, progress: &|share| bar.show(share) };
     store.obtain(spec, &workers, observer)
 }

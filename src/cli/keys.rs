@@ -2,6 +2,8 @@
 
 use super::catalogue;
 use super::output::{Output, refuse};
+use crate::scenario::fault::nearest;
+use crate::scenario::section::Key;
 
 /// Lists the keys whose name contains `word`; returns the exit code.
 pub(super) fn run(word: Option<&str>, output: &mut Output) -> anyhow::Result<u8> {
@@ -20,7 +22,29 @@ pub(super) fn run(word: Option<&str>, output: &mut Output) -> anyhow::Result<u8>
     }
     if !found {
         let word = word.unwrap_or_default();
-        return Err(refuse(format!("no key contains `{word}`: `rubik-robot keys` lists all keys")));
+        return Err(refuse(format!(
+            "no key contains `{word}`: {}`rubik-robot keys` lists all keys",
+            meant(word, &keys)
+        )));
     }
     Ok(0)
+}
+
+/// Returns the question whether a similar part of a key's name was meant; empty if there is none.
+fn meant(word: &str, keys: &[Key]) -> String {
+    let parts: Vec<&str> = keys.iter().flat_map(|key| key.path.split('.')).collect();
+    nearest(word, &parts).map(|part| format!("did you mean `{part}`? ")).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn misspelled_key_gets_the_nearest_name() {
+        let keys = catalogue::all_keys();
+
+        assert_eq!(meant("complaince", &keys), "did you mean `compliance`? ");
+        assert_eq!(meant("nosuchword", &keys), "");
+    }
 }

@@ -7,6 +7,7 @@
 
 use super::catalogue;
 use super::output::{Output, next_line, refuse};
+use super::scenarios;
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions, MoveRefused};
 use crate::spatial::Pose;
@@ -26,7 +27,7 @@ pub(super) struct KinematicsArgs {
     #[arg(long, verbatim_doc_comment)]
     arm: String,
     /// Scenario file (TOML) with the arms and tools [default: the built-in cell]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = scenarios::parser())]
     scenario: Option<PathBuf>,
     /// No effect: answers are lines of JSON in any case
     #[arg(long)]

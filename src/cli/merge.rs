@@ -5,7 +5,7 @@
 //!   of missing and incomplete shards
 
 use super::campaign_report::ResultArgs;
-use super::output::{Output, WRONG, clash, complain, refuse};
+use super::output::{Output, WRONG, clash, refuse, warn};
 use super::shards::{self, Found};
 use crate::campaign::state::State;
 use crate::campaign::tally::Tally;
@@ -46,7 +46,7 @@ pub(super) fn merge(args: &MergeArgs, output: &mut Output) -> anyhow::Result<u8>
     for Found { path, state, .. } in shards::read(&files)? {
         let path = path.display();
         if state.torn {
-            complain(&format!("{path}: its last line was cut off and is left out"));
+            warn(&format!("{path}: its last line was cut off and is left out"));
         }
         shards.push(state.header.shard);
         // The first file gives the header with which all others must agree.
@@ -59,11 +59,11 @@ pub(super) fn merge(args: &MergeArgs, output: &mut Output) -> anyhow::Result<u8>
     // A part of the shards is reported as well, with a warning.
     let missing = whole.missing_shards(&shards);
     if missing.count > 0 {
-        complain(&format!("the campaign is incomplete without the shards {missing}"));
+        warn(&format!("the campaign is incomplete without the shards {missing}"));
     }
     let tally = Tally::of(&whole);
     if !tally.is_of_one_build() {
-        complain("the shards are of different builds: the results measure no single program");
+        warn("the shards are of different builds: the results measure no single program");
     }
     result.report(&tally, output)
 }

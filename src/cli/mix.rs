@@ -7,7 +7,7 @@
 //! - exit code: 0 no rule was broken, 1 one was, 130 interrupted
 
 use super::arguments::ScenarioArgs;
-use super::output::{Output, complain, refuse};
+use super::output::{Output, inform, refuse, warn};
 use super::stop::{INTERRUPTED, stop_flag};
 use crate::campaign::mix::{Broken, Mix, shrunk};
 use crate::campaign::result::{RunResult, Verdict};
@@ -70,9 +70,9 @@ pub(super) fn mixed(
         for (result, mix) in performed(&runner, &scenario, &batch, &stop)? {
             *ended.entry(result.verdict).or_insert(0_u64) += 1;
             let Some(broken) = Broken::by(&result) else { continue };
-            complain(&format!("seed {}: {broken}", result.seed));
+            warn(&format!("seed {}: {broken}", result.seed));
             let mix = smallest(&runner, result.seed, mix, &broken, &stop)?;
-            complain(&format!("the smallest mix that does so has {} faults:\n{mix}", mix.len()));
+            inform(&format!("the smallest mix that does so has {} faults:\n{mix}", mix.len()));
             found.push(Found { seed: result.seed, broken, mix });
         }
     }

@@ -20,12 +20,14 @@ mod engine;
 pub mod evaluate;
 mod faces;
 mod film;
+mod fit;
 mod frames;
 mod help;
 mod keys;
 mod kinematics;
 mod live;
 mod locate;
+mod log;
 mod merge;
 mod merge_nodes;
 mod mix;
@@ -43,6 +45,7 @@ mod report;
 mod rig;
 mod ros;
 mod run;
+mod scenarios;
 mod schema;
 mod shards;
 mod shell;
@@ -51,8 +54,10 @@ mod stages;
 mod status;
 mod stop;
 mod tables;
+mod ticker;
 mod ui;
 mod urdf;
+mod usage;
 mod vision;
 mod weigh;
 
@@ -61,10 +66,7 @@ use crate::scenario::catalogue::Catalogue;
 use arguments::ScenarioArgs;
 use clap::{CommandFactory, FromArgMatches as _, Parser, Subcommand};
 use output::{Output, Refused, WRONG, complain};
-use std::io::IsTerminal as _;
 use std::process::ExitCode;
-use tracing_subscriber::filter::{LevelFilter, Targets};
-use tracing_subscriber::prelude::*;
 
 /// End of the program's help.
 const HELP: &str = "\
@@ -318,9 +320,13 @@ Exit codes: 0 printed, 2 there is no such command.")]
 #[must_use]
 pub fn main(catalogue: Catalogue) -> ExitCode {
     catalogue::set(catalogue);
-    let matches = help::with_groups(Cli::command()).get_matches();
-    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    log_to_stderr(std::env::var("RUST_LOG").ok().as_deref());
+    let parsed = help::with_groups(Cli::command()).try_get_matches();
+    let parsed = parsed.and_then(|matches| Cli::from_arg_matches(&matches));
+    let cli = match parsed {
+        Ok(cli) => cli,
+        Err(message) => return usage::answer(message, &Cli::command()),
+    };
+    log::start(std::env::var("RUST_LOG").ok().as_deref());
     let mut output = Output::stdout();
     let done = match cli.command {
         Command::Run(args) => run::run(&args, &mut output),
@@ -371,26 +377,6 @@ pub fn main(catalogue: Catalogue) -> ExitCode {
     }
 }
 
-/// Starts the log to stderr. `wanted` is the value of `RUST_LOG`, see [`log_filter`].
-fn log_to_stderr(wanted: Option<&str>) {
-    // stdout belongs to the results, which a program may read.
-    let log = tracing_subscriber::fmt::layer()
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal());
-    tracing_subscriber::registry().with(log.with_filter(log_filter(wanted))).init();
-}
-
-/// Returns the filter of `RUST_LOG`: levels, and levels of targets, as in
-/// `warn,rubik_robot=debug`. Without a readable value it passes warnings and errors.
-///
-/// `Targets` is used instead of `EnvFilter`, which can also filter by spans and fields: that needs
-/// an engine for regular expressions, a tenth of the cost of all packages in a fresh build.
-fn log_filter(wanted: Option<&str>) -> Targets {
-    let wanted = wanted.filter(|text| !text.trim().is_empty());
-    let parsed = wanted.and_then(|text| text.parse().ok());
-    parsed.unwrap_or_else(|| Targets::new().with_default(LevelFilter::WARN))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -398,22 +384,5 @@ mod tests {
     #[test]
     fn clap_accepts_the_command_line_definition() {
         Cli::command().debug_assert();
-    }
-
-    #[test]
-    fn log_filter_reads_levels_and_targets() {
-        let lets_through = |wanted, target, level| log_filter(wanted).would_enable(target, &level);
-        let (warn, debug, trace) =
-            (tracing::Level::WARN, tracing::Level::DEBUG, tracing::Level::TRACE);
-
-        for none in [None, Some(""), Some("rubik_robot=loud")] {
-            assert!(lets_through(none, "rubik_robot::run", warn), "{none:?}");
-            assert!(!lets_through(none, "rubik_robot::run", debug), "{none:?}");
-        }
-        assert!(lets_through(Some("debug"), "tokio", debug));
-        let two = Some("warn,rubik_robot::truth=trace");
-        assert!(lets_through(two, "rubik_robot::truth", trace));
-        assert!(lets_through(two, "rubik_robot::run", warn));
-        assert!(!lets_through(two, "rubik_robot::run", debug));
     }
 }

@@ -4,8 +4,9 @@
 //! - out: lines for the operator, a recording of the node's part
 
 use super::arguments::{ScenarioArgs, check_devices};
-use super::output::{Output, complain, refuse};
+use super::output::{Output, complain, inform, refuse};
 use super::record;
+use super::scenarios;
 use crate::error::{Error, NonFatal};
 use crate::record::place::Place;
 use crate::record::recorder::Recorder;
@@ -36,7 +37,7 @@ pub(super) struct NodeArgs {
     /// Name of the node in the scenario
     name: String,
     /// Scenario file (TOML) of the run
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = scenarios::parser())]
     scenario: PathBuf,
     /// Override of a key, as in control.grip_n=30; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -76,7 +77,7 @@ pub(super) fn run(args: &NodeArgs, output: &mut Output) -> anyhow::Result<u8> {
     let ended = host(&scenario, &args.name, context, complain);
     let written = recorder.finish();
     if let (Some(written), Some(path)) = (written, &args.record) {
-        complain(&record::result_message(path, &written));
+        inform(&record::result_message(path, &written));
     }
     match ended {
         Ok(end) => tell(&end, args, output),
@@ -103,10 +104,10 @@ fn recorder(
 /// Reports the end of the node's part of a run; returns the exit code.
 fn tell(end: &NodeEnd, args: &NodeArgs, output: &mut Output) -> anyhow::Result<u8> {
     for line in end.timing.lines() {
-        complain(&format!("servo: {line}"));
+        inform(&format!("servo: {line}"));
     }
     match &end.error {
-        None => complain(&format!("MP's node ended the run after {:.1} s", end.seconds)),
+        None => inform(&format!("MP's node ended the run after {:.1} s", end.seconds)),
         Some(error) => complain(&error.to_string()),
     }
     if args.json {

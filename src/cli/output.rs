@@ -4,6 +4,7 @@
 //! - a file is written beside its final path and renamed when it is complete
 //! - a command never writes to a file that it reads, nor two outputs to one file
 
+use crate::hw::console::{self, Tone};
 use crate::hw::image_file::Unreadable;
 use crate::hw::text::{Unread, printable};
 use crate::record::place::Place;
@@ -45,10 +46,19 @@ pub(super) fn refuse(reason: impl fmt::Display) -> anyhow::Error {
     anyhow::Error::new(Refused(reason.to_string()))
 }
 
-/// Prints a line to stderr: an error, a warning or progress. Control characters are spelled out. A
-/// closed stderr is ignored, because there is no other place to report it.
+/// Prints a line of progress or information to stderr, see [`console::line`].
+pub(super) fn inform(text: &str) {
+    console::line(Tone::Plain, text);
+}
+
+/// Prints a warning to stderr, see [`console::line`].
+pub(super) fn warn(text: &str) {
+    console::line(Tone::Warning, text);
+}
+
+/// Prints an error to stderr, see [`console::line`].
 pub(super) fn complain(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{}", printable(text));
+    console::line(Tone::Error, text);
 }
 
 /// Writes a file. An existing file of that name is replaced only when the new one is complete.
@@ -208,6 +218,16 @@ impl<W: Write> Output<W> {
     /// As [`Output::line`].
     pub(crate) fn text(&mut self, text: &str) -> anyhow::Result<()> {
         let written = self.to.write_all(printable(text).as_bytes());
+        self.take(written)
+    }
+
+    /// Writes text that may have colours, and adds no line break. The caller has spelled out all
+    /// other control characters.
+    ///
+    /// # Errors
+    /// As [`Output::line`].
+    pub(crate) fn coloured(&mut self, text: &str) -> anyhow::Result<()> {
+        let written = self.to.write_all(text.as_bytes());
         self.take(written)
     }
 

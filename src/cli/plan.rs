@@ -5,8 +5,9 @@
 
 use super::catalogue;
 use super::engine::{PlanSearch, default_tables};
-use super::output::{Output, WRONG, complain, refuse};
-use super::solve::{Refusal, read};
+use super::output::{Output, WRONG, complain, inform, refuse};
+use super::scenarios;
+use super::solve::{Refusal, read, scramble_of};
 use crate::cube::{Cube, format_turns};
 use crate::run;
 use crate::solver::{self, Budget};
@@ -37,7 +38,7 @@ pub(super) struct PlanArgs {
     #[arg(long)]
     explain: bool,
     /// Scenario file (TOML) with the cell [default: the built-in cell]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = scenarios::parser())]
     scenario: Option<PathBuf>,
     /// Print one line of JSON
     #[arg(long)]
@@ -110,6 +111,9 @@ fn print_refusal(refusal: &Refusal, args: &PlanArgs, output: &mut Output) -> any
     } else {
         let repair = refusal.repair().map(|r| format!("; smallest repair: {r}"));
         complain(&format!("{}{}", refusal.message(), repair.unwrap_or_default()));
+        if let Some(advice) = scramble_of(&args.cube) {
+            inform(&advice);
+        }
     }
     Ok(WRONG)
 }

@@ -1,22 +1,33 @@
-//! Progress of long work on stderr: a bar on a terminal, otherwise a line every 5 s.
+//! Progress of long work on stderr.
+//!
+//! - a [`Bar`], if the share of the work that is done is known: a live line on a terminal,
+//!   otherwise a line every 5 s
+//! - a [`Waiting`], if it is not known: a live line with the time, on a terminal only
 
-use super::output::complain;
-use crate::hw::text::printable;
+use super::output::{inform, warn};
+use crate::hw::console;
 use crate::solver::table::TableSpec;
 use crate::tables::News;
-use std::io::{IsTerminal, Write};
-use std::sync::{Mutex, PoisonError};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Width of the bar (characters).
 const WIDTH: usize = 30;
+/// Least time between two drawings: five a second can be read.
+const REDRAW: Duration = Duration::from_millis(200);
+/// Time after which a person wonders whether the program still works.
+const LONG: Duration = Duration::from_secs(1);
 
 /// Progress bar of one piece of work.
 pub(super) struct Bar {
     title: String,
-    /// Whether stderr is a terminal.
+    /// Whether stderr is a terminal with a live line.
     terminal: bool,
     begun: Instant,
+    /// Time without a bar, for work that is mostly short.
+    hidden: Duration,
     /// Time of the last drawing, and share of the work in it.
     drawn: Mutex<(Instant, f64)>,
 }
@@ -25,8 +36,22 @@ impl Bar {
     /// Makes a bar that is not drawn yet.
     pub(super) fn new(title: &str) -> Self {
         let now = Instant::now();
-        let terminal = std::io::stderr().is_terminal();
-        Self { title: title.to_owned(), terminal, begun: now, drawn: Mutex::new((now, 0.0)) }
+        let terminal = console::has_live_line();
+        let hidden = Duration::ZERO;
+        Self {
+            title: title.to_owned(),
+            terminal,
+            begun: now,
+            hidden,
+            drawn: Mutex::new((now, 0.0)),
+        }
+    }
+
+    /// Makes a bar that appears when the work has taken [`LONG`].
+    pub(super) fn of_long_work(title: &str) -> Self {
+        let mut bar = Self::new(title);
+        bar.hidden = LONG;
+        bar
     }
 
     /// Shows the share of the work that is done, 0..=1.
@@ -37,41 +62,93 @@ impl Bar {
     /// Shows the share of the work that is done (0..=1), followed by `words`.
     pub(super) fn show_with(&self, share: f64, words: &str) {
         let mut drawn = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut stderr = std::io::stderr();
         if self.terminal {
-            // Ten drawings a second are enough. Threads report in any order: the bar never shrinks.
-            if drawn.0.elapsed() < Duration::from_millis(100) || share < drawn.1 {
+            // Threads report in any order: the bar never shrinks.
+            let early = self.begun.elapsed() < self.hidden;
+            if early || drawn.0.elapsed() < REDRAW || share < drawn.1 {
                 return;
             }
             let filled = (share * WIDTH as f64) as usize;
             let (done, rest) = ("#".repeat(filled), " ".repeat(WIDTH - filled.min(WIDTH)));
-            // `\r` and the escape sequence delete the last drawing.
-            let _ = write!(
-                stderr,
-                "\r\x1b[K{} [{done}{rest}] {:3.0} %{words}",
-                self.title,
-                share * 100.0
-            );
-            let _ = stderr.flush();
+            console::show(&format!("{} [{done}{rest}] {:3.0} %{words}", self.title, share * 100.0));
             *drawn = (Instant::now(), share);
         } else if drawn.0.elapsed() > Duration::from_secs(5) && share < 1.0 {
             // In a file each line stays, so there are few of them, and none at the end.
-            let _ = writeln!(stderr, "{}: {:.0} %{words}", self.title, share * 100.0);
+            inform(&format!("{}: {:.0} %{words}", self.title, share * 100.0));
             *drawn = (Instant::now(), share);
         }
     }
 
     /// Prints a line above the bar.
     pub(super) fn say(&self, text: &str) {
-        let clear = if self.terminal { "\r\x1b[K" } else { "" };
-        let _ = writeln!(std::io::stderr(), "{clear}{}", printable(text));
+        inform(text);
     }
 
     /// Replaces the bar by a line with the result and the time.
     pub(super) fn end(&self, result: &str) {
-        let clear = if self.terminal { "\r\x1b[K" } else { "" };
-        let seconds = self.begun.elapsed().as_secs_f64();
-        let _ = writeln!(std::io::stderr(), "{clear}{}: {result} in {seconds:.1} s", self.title);
+        self.clear();
+        inform(&format!("{}: {result} in {:.1} s", self.title, self.begun.elapsed().as_secs_f64()));
+    }
+
+    /// Erases the bar.
+    pub(super) fn clear(&self) {
+        if self.terminal {
+            console::show("");
+        }
+    }
+}
+
+impl Drop for Bar {
+    /// Erases the bar of work that ended early.
+    fn drop(&mut self) {
+        self.clear();
+    }
+}
+
+/// Live line about work whose end is unknown: its words and the time that it has taken. The line
+/// appears after [`LONG`] and goes when this value is dropped.
+pub(super) struct Waiting {
+    /// Words of the line.
+    words: Arc<Mutex<String>>,
+    /// Dropping the sender ends the thread.
+    leave: Option<Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Waiting {
+    /// Begins the work. Without a live line, or a thread, nothing is shown.
+    pub(super) fn begin(words: &str) -> Self {
+        let words = Arc::new(Mutex::new(words.to_owned()));
+        if !console::has_live_line() {
+            return Self { words, leave: None, thread: None };
+        }
+        let (leave, left) = channel();
+        let shown = Arc::clone(&words);
+        let work = move || {
+            let begun = Instant::now();
+            let mut pause = LONG;
+            while left.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
+                let words = shown.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                console::show(&format!("{words}, {:.0} s", begun.elapsed().as_secs_f64()));
+                pause = REDRAW;
+            }
+            console::show("");
+        };
+        let thread = std::thread::Builder::new().name("waiting".into()).spawn(work).ok();
+        Self { words, leave: Some(leave), thread }
+    }
+
+    /// Replaces the words of the line.
+    pub(super) fn say(&self, words: &str) {
+        words.clone_into(&mut self.words.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+}
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
+        self.leave = None;
+        // A thread that panicked has no line to erase.
+        let _ = self.thread.take().map(JoinHandle::join);
     }
 }
 
@@ -79,17 +156,19 @@ impl Bar {
 /// for it, or cannot keep it.
 pub(super) fn print_news(spec: &TableSpec, news: &News<'_>) {
     let size = megabytes(spec.bytes);
-    complain(&match news {
-        News::Building(reason) => format!("table {} ({size}): {reason}: building it", spec.name),
-        News::Waiting => format!("table {}: waiting for a process that builds it", spec.name),
-        News::NotKept(error) => {
-            let name = spec.name;
-            format!(
-                "table {name}: cannot be kept ({error}): used from memory, built again next time; \
-                 name a folder that can be written with --tables or RUBIK_ROBOT_TABLES"
-            )
+    match news {
+        News::Building(reason) => {
+            inform(&format!("table {} ({size}): {reason}: building it", spec.name));
         }
-    });
+        News::Waiting => {
+            inform(&format!("table {}: waiting for a process that builds it", spec.name));
+        }
+        News::NotKept(error) => warn(&format!(
+            "table {}: cannot be kept ({error}): used from memory, built again next time; name a \
+             folder that can be written with --tables or RUBIK_ROBOT_TABLES",
+            spec.name
+        )),
+    }
 }
 
 /// Formats a size in megabytes.

@@ -4,7 +4,7 @@
 //! - out: a recording of all that is not damaged, with an index
 //! - exit code: 1 if no message can be read
 
-use super::output::{clash, complain, refuse};
+use super::output::{clash, complain, inform, refuse};
 use crate::hw::text;
 use crate::record::place::Place;
 use crate::record::recover_file::recover_file;
@@ -60,6 +60,6 @@ pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
         complain(&format!("{}: the recording is not complete", place.at().display()));
     })?;
     let (count, seconds) = (saved.messages, saved.span as f64 * 1e-9);
-    complain(&format!("{}: {count} messages, {seconds:.2} s; {end}", args.output.display()));
+    inform(&format!("{}: {count} messages, {seconds:.2} s; {end}", args.output.display()));
     Ok(0)
 }

@@ -6,7 +6,7 @@
 //! - exit code: see the help below
 
 use super::catalogue;
-use super::output::{Output, complain, refuse};
+use super::output::{Output, inform, refuse, warn};
 use super::ui::{Ui, UiArgs, UiKind};
 use crate::actors::control::is_speed;
 use crate::desk::Desk;
@@ -117,9 +117,9 @@ fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
     // Without a UI all messages are printed at once, as a log of the run.
     if matches!(ui, Ui::None) {
         for (time, words) in show.log_lines() {
-            complain(&format!("{time:9.2} s  {words}"));
+            inform(&format!("{time:9.2} s  {words}"));
         }
-        complain(&show.ending());
+        inform(&show.ending());
         return Ok(0);
     }
     let stop = Arc::new(AtomicBool::new(false));
@@ -231,9 +231,9 @@ fn fits(label: &Label, force: bool) -> Result<(), String> {
         if !force {
             return Err(format!("{what}: the controllers may differ; --force verifies it anyway"));
         }
-        complain(&what);
+        warn(&what);
     } else if label.fact("build") != crate::record::build() {
-        complain("the recording is of another build of this version, which may cause differences");
+        warn("the recording is of another build of this version, which may cause differences");
     }
     Ok(())
 }

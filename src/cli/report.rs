@@ -3,7 +3,8 @@
 //! - in: a recording
 //! - out: a page with verdict, figures, curves, pictures and plan, without other files
 
-use super::output::{clash, complain, refuse, save};
+use super::output::{clash, inform, refuse, save, warn};
+use super::progress::{Bar, Waiting};
 use super::{picture, replay};
 use crate::hw::text;
 use crate::operator::Snapshot;
@@ -11,7 +12,8 @@ use crate::record::reading::{End, Label};
 use crate::record::report::{gather, page};
 use clap::Args;
 use image::codecs::jpeg::JpegEncoder;
-use std::io::BufReader;
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -39,11 +41,17 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
         |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", args.recording.display()));
     clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])?;
     let file = text::open_any(&args.recording).map_err(refuse)?;
-    let mut story = gather(BufReader::with_capacity(1 << 20, file)).map_err(|why| unread(&why))?;
+    let bar = Bar::of_long_work(&args.recording.display().to_string());
+    let length = file.metadata().map_or(0, |data| data.len());
+    let metered = Metered { file, at: 0, length, bar: &bar };
+    let story = gather(BufReader::with_capacity(1 << 20, metered));
+    drop(bar);
+    let mut story = story.map_err(|why| unread(&why))?;
     // Drawings need a scenario that is valid in this version; a report can do without them.
     if !story.plans.is_empty() {
+        let _waiting = Waiting::begin("drawing the plan");
         story.drawn = drawn(&args.recording, &story.label).unwrap_or_else(|why| {
-            complain(&format!("the report has no drawings of the plan: {why}"));
+            warn(&format!("the report has no drawings of the plan: {why}"));
             Vec::new()
         });
     }
@@ -55,14 +63,42 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
             End::Index(_) => "the report covers all; `rubik-robot recover` writes a new index",
             _ => "the report covers the part that could be read",
         };
-        complain(&format!("{path}: {flaw}; {consequence}"));
+        warn(&format!("{path}: {flaw}; {consequence}"));
     }
-    complain(&format!(
+    inform(&format!(
         "{}: written, the report of {} recorded messages",
         args.output.display(),
         story.count
     ));
     Ok(0)
+}
+
+/// File whose bar shows the share of it that is read.
+struct Metered<'a> {
+    file: File,
+    /// Place of the next byte.
+    at: u64,
+    /// Number of bytes; 0 for a pipe.
+    length: u64,
+    bar: &'a Bar,
+}
+
+impl Read for Metered<'_> {
+    fn read(&mut self, to: &mut [u8]) -> io::Result<usize> {
+        let count = self.file.read(to)?;
+        self.at += count as u64;
+        if self.length > 0 {
+            self.bar.show((self.at as f64 / self.length as f64).min(1.0));
+        }
+        Ok(count)
+    }
+}
+
+impl Seek for Metered<'_> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.at = self.file.seek(to)?;
+        Ok(self.at)
+    }
 }
 
 /// Number of steps of the plan that are drawn.
@@ -98,6 +134,18 @@ fn drawn(recording: &Path, label: &Label) -> Result<Vec<Drawing>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn metered_file_counts_bytes_after_seek() {
+        let bar = Bar::of_long_work("");
+        let file = File::open(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml")).unwrap();
+        let mut metered = Metered { file, at: 0, length: 100, bar: &bar };
+
+        metered.seek(SeekFrom::Start(10)).unwrap();
+        metered.read_exact(&mut [0; 7]).unwrap();
+
+        assert_eq!(metered.at, 17);
+    }
 
     #[test]
     fn error_says_why_recording_cannot_be_drawn() {

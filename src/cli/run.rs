@@ -7,14 +7,17 @@
 mod after;
 
 use super::arguments::{ScenarioArgs, check_devices};
-use super::output::{Output, clash, complain, refuse};
+use super::output::{Output, clash, complain, inform, refuse};
 use super::record;
 use super::ros::RosArgs;
+use super::ticker::Ticker;
 use super::ui::{Ui, UiArgs};
 use crate::actors::control::is_speed;
 use crate::desk::Desk;
 use crate::error::{Error, NonFatal};
+use crate::hw::console::{self, Tone};
 use crate::hw::driver::missing_core;
+use crate::hw::text::printable;
 use crate::record::feed::Feed;
 use crate::record::journal::Journal;
 use crate::record::place::Place;
@@ -214,14 +217,19 @@ fn one(
     let recorder = args.recorder(scenario, &overrides, begun, feed)?;
     // A run of a campaign keeps no last second: if it fails, it can be repeated.
     let last_second = (!args.with_parent).then(|| record::last_second(scenario, &overrides, begun));
+    // A UI in the terminal shows more than a line, and a program reads no line.
+    let ticks = !args.json && !ui.has_terminal() && console::has_live_line();
     let context = RunContext {
-        desk: has_ui.then(|| desk.run_end()),
+        desk: (has_ui || ticks).then(|| desk.run_end()),
+        watched: !has_ui,
         recorder: recorder.clone(),
         last_second: last_second.flatten(),
         saved: keep,
         ..RunContext::default()
     };
+    let ticker = ticks.then(|| Ticker::start(desk.ui_end()));
     let done = run::run_with(scenario, args.options(ui), context);
+    drop(ticker);
     let written = recorder.finish();
     drop(topics);
 
@@ -232,7 +240,7 @@ fn one(
         Ok(())
     };
     if let (Some(written), Some(path)) = (written, &args.record) {
-        complain(&record::result_message(path, &written));
+        inform(&record::result_message(path, &written));
     }
     // Printing the summary consumes the result, so it is examined before.
     let interrupted = is_interrupted(&done);
@@ -376,6 +384,7 @@ fn end_stuck<const TERMINAL: bool, const JSON: bool>(error: Error, summary: Summ
     if TERMINAL {
         tui::restore_terminal();
     }
+    console::show("");
     complain(&format!(
         "{error}: the drives were commanded to switch off, and the program ends at once"
     ));
@@ -384,7 +393,7 @@ fn end_stuck<const TERMINAL: bool, const JSON: bool>(error: Error, summary: Summ
         // If stdout cannot be written, the exit code still tells of the error.
         let _ = output.line(&summary.json()).and_then(|()| output.flush());
     } else if let Some(remedy) = &summary.remedy {
-        complain(&format!("what to do: {remedy}"));
+        inform(&format!("what to do: {remedy}"));
     }
     std::process::exit(STUCK);
 }
@@ -471,6 +480,26 @@ fn check_journal(keep: &SavedFiles, bridge: BridgeKind) -> anyhow::Result<()> {
     )))
 }
 
+/// Returns the table of a summary with its verdict in colour, if stdout has colours.
+fn painted(table: &str) -> String {
+    let table = printable(table);
+    if !console::colours_results() {
+        return table.into_owned();
+    }
+    // Only the row of the verdict begins with one of these words.
+    let tones = [
+        ("SOLVED", Tone::Good),
+        ("DONE", Tone::Good),
+        ("FAILED", Tone::Error),
+        ("ABORTED", Tone::Error),
+    ];
+    let lines = table.split_inclusive('\n').map(|line| {
+        let tone = tones.iter().find(|(word, _)| line.starts_with(word));
+        tone.map_or_else(|| line.to_owned(), |(_, tone)| tone.paint(line))
+    });
+    lines.collect()
+}
+
 /// Prints the summary of a run, or its error; returns the exit code.
 fn print_summary(
     done: Result<Summary, Error>,
@@ -483,7 +512,7 @@ fn print_summary(
             if args.json {
                 output.line(&summary.json())?;
             } else {
-                output.text(&summary.table())?;
+                output.coloured(&painted(&summary.table()))?;
             }
             Ok(summary.exit_code())
         }
@@ -494,7 +523,7 @@ fn print_summary(
             if args.json {
                 output.line(&summary.json())?;
             } else if let Some(remedy) = &summary.remedy {
-                complain(&format!("what to do: {remedy}"));
+                inform(&format!("what to do: {remedy}"));
             }
             Ok(summary.exit_code())
         }

@@ -7,7 +7,7 @@
 //! have the same file, and a task that is started again finds its own.
 
 use super::catalogue;
-use super::output::{complain, refuse};
+use super::output::{refuse, warn};
 use crate::campaign::state::{Header, Shard, State, Unusable};
 use crate::hw::text::{self, Unread};
 use std::io::BufReader;
@@ -104,7 +104,7 @@ pub(super) fn read(files: &[(PathBuf, bool)]) -> anyhow::Result<Vec<Found>> {
         let changed = file.metadata().ok().and_then(|found| found.modified().ok());
         let state = match State::read(BufReader::new(file)) {
             Err(Unusable::Empty) if *from_folder => {
-                complain(&format!("{shown}: is empty and is left out"));
+                warn(&format!("{shown}: is empty and is left out"));
                 continue;
             }
             read => read.map_err(|why| refuse(format!("{shown}: {why}")))?,
@@ -112,9 +112,7 @@ pub(super) fn read(files: &[(PathBuf, bool)]) -> anyhow::Result<Vec<Found>> {
         check_program(&state.header).map_err(|why| refuse(format!("{shown}: {why}")))?;
         if state.damaged > 0 {
             let lines = state.damaged;
-            complain(&format!(
-                "{shown}: {lines} damaged lines are left out, their runs are missing"
-            ));
+            warn(&format!("{shown}: {lines} damaged lines are left out, their runs are missing"));
         }
         let since = |time: SystemTime| time.duration_since(SystemTime::UNIX_EPOCH).ok();
         let changed = changed.and_then(since).map(|time| time.as_secs_f64());

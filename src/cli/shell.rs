@@ -1,6 +1,7 @@
 //! `rubik-robot completions` and `rubik-robot man`: completions for a shell, and manual pages.
 
 use super::output::{Output, refuse};
+use crate::scenario::fault::nearest;
 
 /// Prints the script with which a shell completes the words of `program`; returns the exit code.
 pub(super) fn completions(
@@ -28,8 +29,12 @@ pub(super) fn manual(
         None => program,
         Some(name) => {
             let Some(found) = program.find_subcommand(name) else {
+                let names: Vec<&str> =
+                    program.get_subcommands().map(clap::Command::get_name).collect();
+                let near = nearest(name, &names);
+                let near = near.map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
                 return Err(refuse(format!(
-                    "there is no command `{name}`: `rubik-robot --help` lists the commands"
+                    "there is no command `{name}`: {near}`rubik-robot --help` lists the commands"
                 )));
             };
             found.clone()

@@ -5,8 +5,9 @@
 //! - exit code of `solve`: 1 if a cube has no solution within the limits, 2 if a cube is refused
 
 use super::cube_lines::cubes;
-use super::engine::{Answer, Engine, Limits, Mode, Unsolved, two_phase_tables};
-use super::output::{Output, WRONG, complain, refuse};
+use super::engine::{Answer, Engine, Found, Limits, Mode, Unsolved, two_phase_tables};
+use super::output::{Output, WRONG, complain, inform, refuse};
+use super::progress::Waiting;
 use super::tables::Folder;
 use crate::cube::{
     Cube, Facelets, ImpossibleCube, ParseFacelets, ParseMoves, Repair, after_moves, format_turns,
@@ -85,6 +86,9 @@ pub(super) struct ScrambleArgs {
     #[command(flatten)]
     folder: Folder,
 }
+
+/// Most cubes of stdin whose refusal is told.
+const MOST_TOLD: u64 = 10;
 
 /// Exit code if a possible cube has no solution within the limits.
 const UNSOLVED: u8 = 1;
@@ -185,6 +189,19 @@ pub(super) fn read(text: &str) -> Result<(Cube, Facelets), Refusal> {
     Ok((cube, facelets))
 }
 
+/// Returns advice if `text` is a list of moves instead of a cube: the call that solves the cube
+/// that they make.
+pub(super) fn scramble_of(text: &str) -> Option<String> {
+    let moves = parse_moves(text).ok().filter(|moves| !moves.is_empty())?;
+    let (these, make) =
+        if moves.len() == 1 { ("is a move", "it makes") } else { ("are moves", "they make") };
+    let text = text.trim();
+    Some(format!(
+        "  `{text}` {these}, not a cube; to solve the cube that {make}:\n\
+         \x20 rubik-robot solve --scramble \"{text}\""
+    ))
+}
+
 /// Returns the cube that moves make of a solved one. Moves may also turn the centres; each colour
 /// is named by the face on whose centre it is after the moves.
 fn scrambled(text: &str) -> Result<(Cube, Facelets), Refusal> {
@@ -214,12 +231,18 @@ struct Desk {
 
 impl Desk {
     /// Answers a cube: one of a stream, or the one of the command line if `alone`. `given` is the
-    /// text of the cube, which a refusal repeats in JSON.
-    fn answer(&self, given: &str, cube: Result<(Cube, Facelets), Refusal>, alone: bool) -> Line {
+    /// text of the cube, which a refusal repeats in JSON. `found` gets what the search has found.
+    fn answer(
+        &self,
+        given: &str,
+        cube: Result<(Cube, Facelets), Refusal>,
+        alone: bool,
+        found: Found<'_>,
+    ) -> Line {
         let solved = cube.and_then(|(cube, facelets)| {
             // Turns that lead from the cube to the goal are those that solve this product.
             let seen = self.goal.inverse().then(&cube);
-            self.engine.solve(&seen).map(|a| (facelets, a)).map_err(Refusal::Unsolved)
+            self.engine.solve(&seen, found).map(|a| (facelets, a)).map_err(Refusal::Unsolved)
         });
         match solved {
             Ok((facelets, answer)) => {
@@ -330,7 +353,9 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
         let workers = if desk.engine.shares_cubes() { 1 } else { threads };
         return answer_stream(&Arc::new(desk), workers, output);
     };
-    let line = desk.answer(given, cube, true);
+    let waiting = Waiting::begin("searching");
+    let line = desk.answer(given, cube, true, &|found| waiting.say(&format!("searching: {found}")));
+    drop(waiting);
     if line.code != 0 && !args.json {
         complain(&line.text);
     } else {
@@ -350,6 +375,9 @@ fn print_refusal(
         output.line(&refusal.json(given).to_string())?;
     } else {
         complain(&refusal.message());
+        if let Some(advice) = scramble_of(given).filter(|_| refusal.kind() != "moves") {
+            inform(&advice);
+        }
         if let Some(repair) = refusal.repair() {
             complain(&format!("smallest repair: {repair}"));
         }
@@ -382,7 +410,7 @@ fn answer_stream(desk: &Arc<Desk>, workers: usize, output: &mut Output) -> anyho
             loop {
                 let next = todo.lock().unwrap_or_else(PoisonError::into_inner).recv();
                 let Ok((number, line)) = next else { return };
-                let answer = line.map(|line| desk.answer(line.trim(), read(&line), false));
+                let answer = line.map(|line| desk.answer(line.trim(), read(&line), false, &|_| ()));
                 if answers.send((number, answer)).is_err() {
                     return;
                 }
@@ -402,6 +430,7 @@ fn write_in_order(
     output: &mut Output,
 ) -> anyhow::Result<u8> {
     let (mut early, mut next, mut code) = (BTreeMap::new(), 0, 0);
+    let mut refused = 0_u64;
     loop {
         let arrived = match done.try_recv() {
             // Before a wait the answers are flushed, so that an interactive reader gets them.
@@ -418,7 +447,11 @@ fn write_in_order(
             code = code.max(line.code);
             // A refusal goes to stderr, where it does not mix with the answers.
             if line.code != 0 && !json {
-                complain(&format!("cube {next}: {}", line.text));
+                refused += 1;
+                // A file of other text would give a message for each of its lines.
+                if refused <= MOST_TOLD {
+                    complain(&format!("cube {next}: {}", line.text));
+                }
                 // An empty line keeps the numbers of lines equal to those of the cubes.
                 output.line("")?;
             } else {
@@ -428,6 +461,10 @@ fn write_in_order(
         if output.is_closed() {
             break;
         }
+    }
+    if refused > MOST_TOLD {
+        let more = refused - MOST_TOLD;
+        complain(&format!("and {more} more cubes without an answer: --json gives each reason"));
     }
     Ok(code)
 }

@@ -3,7 +3,7 @@
 //! - in: `--ui`, `--listen`, `--host`; the UI's end of a [`desk`](crate::desk)
 //! - out: an open UI, which the command closes or leaves to its operator at the end
 
-use super::output::complain;
+use super::output::{complain, inform, warn};
 use crate::desk::{RunEnd, UiEnd};
 use crate::operator::Input;
 use crate::run::SIGNALS;
@@ -96,15 +96,15 @@ impl UiArgs {
                     Err(error)
                         if self.ui.is_none() && self.listen.is_none() && self.host.is_empty() =>
                     {
-                        complain(&format!("the run has no operator's page: {error:#}"));
+                        warn(&format!("the run has no operator's page: {error:#}"));
                         return Ok(Ui::None);
                     }
                     other => other?,
                 };
-                complain(&format!("the operator's page: {}", server.url));
-                complain(&format!("for Foxglove or Lichtblick: {}", server.feed_url));
+                inform(&format!("the operator's page: {}", server.url));
+                inform(&format!("for Foxglove or Lichtblick: {}", server.feed_url));
                 for url in &server.proxy_urls {
-                    complain(&format!("through a proxy for TLS: {url}"));
+                    inform(&format!("through a proxy for TLS: {url}"));
                 }
                 Ok(Ui::Web(server))
             }
@@ -231,7 +231,7 @@ impl Ui {
     /// Tells where the page stays after a run, if there is one.
     pub(super) fn tell_place(&self) {
         if let Self::Web(server) = self {
-            complain(&format!(
+            inform(&format!(
                 "the page stays at {} until Ctrl-C, or until its operator ends it",
                 server.url
             ));

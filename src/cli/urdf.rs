@@ -5,6 +5,7 @@
 
 use super::catalogue;
 use super::output::{Output, refuse};
+use super::scenarios;
 use crate::record::urdf::{Model, xml};
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -25,7 +26,7 @@ pub(super) struct UrdfArgs {
     #[arg(long, verbatim_doc_comment)]
     arm: Option<String>,
     /// Scenario file (TOML) with the cell [default: the built-in cell]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = scenarios::parser())]
     scenario: Option<PathBuf>,
 }
 

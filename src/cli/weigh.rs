@@ -5,7 +5,7 @@
 //! - out: weight, centre of mass, bias and residuals; the keys to set in the scenario
 
 use super::arguments::{ScenarioArgs, check_devices};
-use super::output::{Output, complain, refuse};
+use super::output::{Output, complain, inform, refuse};
 use crate::error::Error;
 use crate::run::weigh::weigh_tool;
 use crate::servo::weigh::Weighed;
@@ -57,7 +57,7 @@ pub(super) fn run(args: &WeighArgs, output: &mut Output) -> anyhow::Result<u8> {
     };
     check_devices(&scenario)?;
     let progress =
-        |index: usize, count: usize| complain(&format!("orientation {} of {count}", index + 1));
+        |index: usize, count: usize| inform(&format!("orientation {} of {count}", index + 1));
     match weigh_tool(&scenario, arm, progress) {
         Ok((weighed, orientations)) => {
             if args.json {

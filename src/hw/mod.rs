@@ -5,6 +5,7 @@
 
 pub mod camera;
 pub mod camera_device;
+pub mod console;
 pub mod devices;
 pub mod driver;
 pub mod emulator;

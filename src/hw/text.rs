@@ -14,6 +14,7 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
+use unicode_width::{UnicodeWidthChar as _, UnicodeWidthStr as _};
 
 /// Greatest size of a scenario and of the files beside it (bytes).
 pub const SCENARIO: u64 = 1 << 20;
@@ -83,6 +84,22 @@ pub fn printable(text: &str) -> Cow<'_, str> {
         }
     }
     Cow::Owned(shown)
+}
+
+/// Returns `text` if it fits into `columns` of a terminal, otherwise its beginning and an ellipsis.
+#[must_use]
+pub fn shortened(text: &str, columns: usize) -> Cow<'_, str> {
+    if text.width() <= columns {
+        return Cow::Borrowed(text);
+    }
+    // A letter may take no column or two.
+    let mut used = 0;
+    let end = text.char_indices().find(|(_, letter)| {
+        used += letter.width().unwrap_or(0);
+        used >= columns
+    });
+    let kept = text[..end.map_or(text.len(), |(at, _)| at)].trim_end();
+    Cow::Owned(if columns == 0 { String::new() } else { format!("{kept}…") })
 }
 
 /// Returns a word for a shell, in single quotes if it needs quotes.
@@ -218,6 +235,23 @@ pub fn read(path: &Path, most: u64) -> Result<String, Unread> {
 mod tests {
     use super::*;
     use crate::tables::testing::make_pipe;
+
+    #[test]
+    fn shortened_text_fits_into_its_columns() {
+        for (text, columns, wanted) in [
+            ("turn R'", 7, "turn R'"),
+            ("turn R'", 6, "turn…"),
+            ("turn R'", 4, "tur…"),
+            ("turn R'", 1, "…"),
+            ("turn R'", 0, ""),
+            // Each of these letters takes two columns.
+            ("魔方", 4, "魔方"),
+            ("魔方", 3, "魔…"),
+            ("魔方", 2, "…"),
+        ] {
+            assert_eq!(shortened(text, columns), wanted, "{text} in {columns}");
+        }
+    }
 
     #[test]
     fn deep_keys_are_found_in_every_spelling() {

@@ -167,7 +167,7 @@ pub(super) fn believed(scenario: &Scenario) -> (Cow<'_, Scenario>, Vec<String>) 
                 cell.cube.edge = found.setup.edge;
             }
             Err(reason) => {
-                tracing::warn!(camera = %camera.name, %reason, "not calibrated");
+                tracing::warn!("the camera {} is not calibrated: {reason}", camera.name);
                 failed.push(format!("{}: {reason}", camera.name));
             }
         }

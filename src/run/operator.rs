@@ -77,6 +77,7 @@ pub(super) fn start_ui(
     let parts = Parts {
         quiet: options.quiet,
         keys: !options.automatic,
+        alone: context.desk.is_none() || context.watched,
         controls: OperatorControls {
             control: Arc::clone(&control),
             to_task,
@@ -93,7 +94,8 @@ pub(super) fn start_ui(
     };
     let ui = Ui::spawn(parts).map_err(|e| not_created("ui", &e.to_string()))?;
     // In a verification, an operator can be asked if one could be asked in the recorded run.
-    let attended = context.desk.is_some() || context.playback.as_ref().is_some_and(|(_, was)| *was);
+    let operated = context.desk.is_some() && !context.watched;
+    let attended = operated || context.playback.as_ref().is_some_and(|(_, was)| *was);
     let channels = OperatorChannels {
         trace: ui.trace.clone(),
         stop_button: ui.stop_button.clone(),

@@ -39,6 +39,8 @@ pub struct RunOptions {
 pub struct RunContext {
     /// Run's end of the desk, at whose other end are the UIs.
     pub desk: Option<RunEnd>,
+    /// Whether the UIs at the desk only show the run, so that no operator can be asked there.
+    pub watched: bool,
     /// Recorder of the run; the caller that created it finishes it.
     pub recorder: Recorder,
     /// Recording in place of the plant, the sensors and the operator, and whether an operator could

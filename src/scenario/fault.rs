@@ -98,7 +98,10 @@ impl fmt::Display for Fault {
 
 /// Most faults that are collected, and most that are shown: a person corrects the first ones.
 const MOST: usize = 1000;
-const MOST_SHOWN: usize = 100;
+const MOST_SHOWN: usize = 10;
+
+/// Number of faults above which the text is probably no scenario.
+const MANY: usize = 20;
 
 /// Faults of a scenario; never empty if returned as an error.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -147,7 +150,7 @@ impl Faults {
 }
 
 impl fmt::Display for Faults {
-    /// Writes the first 100 faults, and the number of the others.
+    /// Writes the first ten faults, and the number of the others.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (i, fault) in self.0.iter().take(MOST_SHOWN).enumerate() {
             if i > 0 {
@@ -157,7 +160,12 @@ impl fmt::Display for Faults {
         }
         match self.0.len().saturating_sub(MOST_SHOWN) {
             0 => Ok(()),
-            more => write!(f, "\nand at least {more} more"),
+            // A file of another kind has a fault in most of its lines.
+            more if self.0.len() > MANY => {
+                let over = if self.is_full() { "more than " } else { "" };
+                write!(f, "\nand {over}{more} more: is this a scenario?")
+            }
+            more => write!(f, "\nand {more} more"),
         }
     }
 }
@@ -209,6 +217,20 @@ mod tests {
         let text = fault.to_string();
 
         assert_eq!(text, "a.toml:2:1: unknown key `edge_cm`\n  2 | edge_cm = 57\n    | ^^^^^^^");
+    }
+
+    #[test]
+    fn only_first_faults_are_written() {
+        let text = |count: usize| {
+            let mut faults = Faults::default();
+            (0..count).for_each(|number| faults.add(None, format!("fault {number}")));
+            faults.to_string()
+        };
+
+        assert!(text(10).ends_with("fault 9"), "{}", text(10));
+        assert!(text(12).ends_with("fault 9\nand 2 more"), "{}", text(12));
+        assert!(text(60).ends_with("and 50 more: is this a scenario?"), "{}", text(60));
+        assert!(text(5000).ends_with("and more than 990 more: is this a scenario?"));
     }
 
     #[test]

@@ -63,6 +63,9 @@ pub struct Watch<'a> {
     pub stop: &'a AtomicBool,
     /// Listener that gets each better solution when the search finds it.
     pub improved: &'a (dyn Fn(&[Turn]) + Sync),
+    /// Listener that gets each number of turns of which a search for the shortest solution has
+    /// proven that no solution has it or fewer.
+    pub excluded: &'a (dyn Fn(u8) + Sync),
     /// Length of the longest solution that the caller can use (turns). With it, the search may end
     /// without a solution.
     pub longest: Option<u8>,
@@ -88,8 +91,13 @@ const CHECKED: u8 = 4;
 /// shortest one found. The result is the same on every machine.
 #[must_use]
 pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
-    let watch =
-        Watch { workers: &InTurn, stop: &AtomicBool::new(false), improved: &|_| (), longest: None };
+    let watch = Watch {
+        workers: &InTurn,
+        stop: &AtomicBool::new(false),
+        improved: &|_| (),
+        excluded: &|_| (),
+        longest: None,
+    };
     solve_watched(cube, tables, budget, &watch)
 }
 
@@ -148,8 +156,13 @@ pub(super) fn each_solution(
     nodes: u64,
     take: &(dyn Fn(Vec<Turn>, usize) -> Continuation + Sync),
 ) {
-    let watch =
-        Watch { workers: &InTurn, stop: &AtomicBool::new(false), improved: &|_| (), longest: None };
+    let watch = Watch {
+        workers: &InTurn,
+        stop: &AtomicBool::new(false),
+        improved: &|_| (),
+        excluded: &|_| (),
+        longest: None,
+    };
     let goal = Goal {
         budget: &Budget { nodes, max_length: 0 },
         watch: &watch,
@@ -575,7 +588,13 @@ mod tests {
             reported.lock().unwrap().push(turns.len());
             stop.store(reported.lock().unwrap().len() == 2, Relaxed);
         };
-        let watch = Watch { workers: &InTurn, stop: &stop, improved: &improved, longest: None };
+        let watch = Watch {
+            workers: &InTurn,
+            stop: &stop,
+            improved: &improved,
+            excluded: &|_| (),
+            longest: None,
+        };
 
         let solution = solve_watched(&Cube::scrambled(1), &TABLES, &Budget::UNTIL_PROVEN, &watch);
 

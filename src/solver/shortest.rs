@@ -89,6 +89,9 @@ pub fn shortest(
         found.nodes += answer.nodes;
         let before = found.at_least;
         found.at_least = before.max(answer.at_least);
+        if found.at_least > before.max(1) {
+            (watch.excluded)(found.at_least - 1);
+        }
         round = answer.nodes;
         if let Some(turns) = answer.turns {
             found.at_least = turns.len() as u8;

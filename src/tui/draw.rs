@@ -6,12 +6,14 @@
 use super::app::{App, Mode, STEPS};
 use super::net::place;
 use crate::cube::Face;
+use crate::hw::text::shortened;
 use crate::operator::{Class, ControlView, Snapshot, State, Subject};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Borders, Cell, Clear, Gauge, Paragraph, Row, Table, Wrap};
+use unicode_width::UnicodeWidthStr as _;
 
 /// Colours of the stickers, 0..=5 = white, red, green, yellow, orange, blue.
 const COLOURS: [Color; 6] = [
@@ -77,10 +79,10 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
     } else if s.services.manual {
         frame.render_widget(by_hand(app), plan);
     } else {
-        frame.render_widget(plan_of(s, plan.height), plan);
+        frame.render_widget(plan_of(s, plan), plan);
     }
-    frame.render_widget(actors_of(s, narrow), actors);
-    frame.render_widget(messages_of(s, messages.height), messages);
+    frame.render_widget(actors_of(s, narrow, usize::from(actors.width)), actors);
+    frame.render_widget(messages_of(s, messages), messages);
     frame.render_widget(Paragraph::new(keys), foot);
     // The question is drawn last, so that it covers everything else.
     if app.snapshot.question.is_some() {
@@ -182,20 +184,47 @@ fn net_of(colours: &[Option<usize>], at: Option<usize>) -> Paragraph<'static> {
     Paragraph::new(grid.into_iter().map(Line::from).collect::<Vec<_>>())
 }
 
-/// Returns the plan in a panel of `height` rows, scrolled to its current step.
-fn plan_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
-    let shown = usize::from(height.saturating_sub(1)).max(1);
+/// Returns the plan in the panel `area`, scrolled to its current step. The words of the current
+/// step take as many rows as they need; those of the others end with an ellipsis.
+fn plan_of(s: &Snapshot, area: Rect) -> Paragraph<'_> {
+    let shown = usize::from(area.height.saturating_sub(1)).max(1);
+    // One column separates the plan from the next panel.
+    let width = usize::from(area.width.saturating_sub(1));
     // The current step is a third from the top: the next steps need more room than the past ones.
     let first = s.step.map_or(0, |step| step.saturating_sub(shown / 3));
-    let lines = s.plan.iter().enumerate().skip(first).take(shown).map(|(i, line)| {
+    let lines = s.plan.iter().enumerate().skip(first).take(shown).flat_map(|(i, line)| {
         let text = format!("{:3}  {}", i + 1, line.what);
+        let short = || shortened(&text, width).into_owned();
         match s.step {
-            Some(step) if i == step => Line::styled(text, Style::new().bg(Color::Blue).white()),
-            Some(step) if i < step => Line::from(text).dim(),
-            _ => Line::from(text),
+            Some(step) if i == step => {
+                let style = Style::new().bg(Color::Blue).white();
+                wrapped(&text, width).into_iter().map(|row| Line::styled(row, style)).collect()
+            }
+            Some(step) if i < step => vec![Line::from(short()).dim()],
+            _ => vec![Line::from(short())],
         }
     });
     Paragraph::new(lines.collect::<Vec<_>>()).block(titled("plan"))
+}
+
+/// Breaks the text of a step between words into rows of at most `width` columns. The rows after the
+/// first one are indented like its words.
+fn wrapped(text: &str, width: usize) -> Vec<String> {
+    const INDENT: &str = "     ";
+    let words = text.get(INDENT.len()..).unwrap_or_default();
+    let mut rows = vec![text.get(..INDENT.len()).unwrap_or(text).to_owned()];
+    for (number, word) in words.split_whitespace().enumerate() {
+        let Some(row) = rows.last_mut() else { break };
+        let blank = usize::from(number > 0 && *row != INDENT);
+        if number > 0 && row.width() + blank + word.width() > width {
+            rows.push(format!("{INDENT}{word}"));
+        } else {
+            row.push_str(&" "[..blank]);
+            row.push_str(word);
+        }
+    }
+    // A word that is wider than the panel has no end.
+    rows.iter().map(|row| shortened(row, width).into_owned()).collect()
 }
 
 /// Returns the end of the run, the arms that have stopped with their faults and remedies, and the
@@ -244,7 +273,9 @@ fn by_hand(app: &App) -> Paragraph<'_> {
 }
 
 /// Returns the actors with their states.
-fn actors_of(s: &Snapshot, narrow: bool) -> Paragraph<'_> {
+fn actors_of(s: &Snapshot, narrow: bool, width: usize) -> Paragraph<'_> {
+    // The name of an actor and a blank take 15 columns, the name of a state 11.
+    let fit = |words: &str, used: usize| shortened(words, width.saturating_sub(used)).into_owned();
     let line = |actor: &crate::operator::ActorView| {
         let (word, colour) = match actor.state {
             State::Absent => ("not there", Color::DarkGray),
@@ -258,7 +289,7 @@ fn actors_of(s: &Snapshot, narrow: bool) -> Paragraph<'_> {
             return Line::from(vec![
                 Span::raw(format!("{:<14} ", actor.name)),
                 Span::styled(format!("{word:<11}"), colour),
-                Span::raw(actor.words.clone()).dim(),
+                Span::raw(fit(&actor.words, 26)).dim(),
             ]);
         }
         // If there is room for one of them only, the actor's words replace the name of its state;
@@ -266,15 +297,15 @@ fn actors_of(s: &Snapshot, narrow: bool) -> Paragraph<'_> {
         let words = if actor.words.is_empty() { word } else { actor.words.as_str() };
         Line::from(vec![
             Span::raw(format!("{:<14} ", actor.name)),
-            Span::styled(words.to_owned(), colour),
+            Span::styled(fit(words, 15), colour),
         ])
     };
     Paragraph::new(s.actors.iter().map(line).collect::<Vec<_>>()).block(titled("actors"))
 }
 
-/// Returns the latest messages that fit into a panel of `height` rows.
-fn messages_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
-    let shown = usize::from(height.saturating_sub(1));
+/// Returns the latest messages that fit into the panel `area`.
+fn messages_of(s: &Snapshot, area: Rect) -> Paragraph<'_> {
+    let shown = usize::from(area.height.saturating_sub(1));
     let first = s.messages.len().saturating_sub(shown);
     let line = |m: &crate::operator::Message| {
         let style = match m.class {
@@ -282,7 +313,8 @@ fn messages_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
             Class::Warning => Style::new().yellow(),
             Class::NonFatal | Class::Fatal | Class::System => Style::new().red(),
         };
-        Line::styled(format!("{:8.2} s  {:<14} {}", m.time, m.source, m.text), style)
+        let text = format!("{:8.2} s  {:<14} {}", m.time, m.source, m.text);
+        Line::styled(shortened(&text, usize::from(area.width)).into_owned(), style)
     };
     Paragraph::new(s.messages[first..].iter().map(line).collect::<Vec<_>>())
         .block(titled("messages"))
@@ -536,6 +568,44 @@ mod tests {
         for words in ["joint 6", "synchronisation", "b zero the sensor", "Tab arm", "e F12"] {
             assert!(text.contains(words), "no `{words}` in\n{text}");
         }
+    }
+
+    /// The longest words of a plan in the two usual sizes of a terminal.
+    #[test]
+    fn plan_lines_stay_within_their_panel() {
+        let long = "track turns R' by a quarter, postument holds the cube at its face L until then";
+        for (size, columns) in [((80, 24), 20), ((200, 50), 127)] {
+            let mut app = whole();
+            let mut s = (*app.snapshot).clone();
+            let line = PlanLine { what: long.into(), why: String::new(), seconds: 1.0 };
+            s.plan = Arc::new(vec![line; 40]);
+            app.take(Arc::new(s));
+
+            let text = shown(&app, size);
+
+            let begin = 25;
+            let panel: Vec<String> = text
+                .lines()
+                .skip_while(|row| !row.contains("cube as read"))
+                .skip(1)
+                .take_while(|row| !row.contains("messages"))
+                .map(|row| row.chars().skip(begin).take(columns).collect())
+                .collect();
+            assert!(panel.len() > 8, "{text}");
+            // The last column is empty, and so is the one before the actors.
+            assert!(panel.iter().all(|row| row.ends_with(' ')), "{panel:?}\n{text}");
+            let words: Vec<&str> = panel.iter().flat_map(|row| row.split_whitespace()).collect();
+            let all = long.split_whitespace().collect::<Vec<_>>().join(" ");
+            assert!(words.join(" ").contains(&all), "the current step is whole\n{text}");
+            assert_eq!(panel.iter().any(|row| row.contains('…')), columns < 80, "{text}");
+        }
+    }
+
+    #[test]
+    fn long_step_is_wrapped_between_words() {
+        let rows = wrapped(" 31  track turns R' slowly", 16);
+        assert_eq!(rows, [" 31  track turns", "     R' slowly"]);
+        assert_eq!(wrapped("  1  abcdefghijklmnop", 10), ["  1  abcd…"]);
     }
 
     #[test]

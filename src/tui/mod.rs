@@ -9,11 +9,12 @@ mod draw;
 mod net;
 
 use crate::desk::UiEnd;
+use crate::hw::console::{self, Tone};
 use crate::operator::{ControlView, Input};
 use app::App;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyEvent, KeyEventKind};
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -45,11 +46,8 @@ pub fn show(mut screen: Screen, desk: &UiEnd, leave: &AtomicBool) -> std::io::Re
     drop(screen);
     let last = desk.snapshots.borrow();
     if last.control != ControlView::Ended && last.services.seek_ms.is_none() {
-        // If stderr is closed, no person reads the message, so the error does not matter.
-        let _ = writeln!(
-            std::io::stderr(),
-            "the run continues without a UI until it ends; Ctrl-C ends it"
-        );
+        let words = "the run continues without a UI until it ends; Ctrl-C ends it";
+        console::line(Tone::Plain, words);
     }
     Ok(())
 }
@@ -71,6 +69,8 @@ impl Screen {
         let screen = ratatui::try_init();
         if screen.is_err() {
             let _ = ratatui::try_restore();
+        } else {
+            console::hold();
         }
         screen.map(Self)
     }
@@ -80,11 +80,13 @@ impl Screen {
 /// calls this function.
 pub fn restore_terminal() {
     let _ = ratatui::try_restore();
+    console::release();
 }
 
 impl Drop for Screen {
     fn drop(&mut self) {
         ratatui::restore();
+        console::release();
     }
 }
 

@@ -165,6 +165,148 @@ fn help_lists_commands_in_groups() {
     }
 }
 
+/// Texts of 100 columns are broken again, also in the columns of options. A command stays whole.
+#[test]
+fn helps_fit_into_eighty_columns() {
+    let names = text(&robot(&["completions", "bash"]).stdout).to_owned();
+    for command in [
+        "run",
+        "campaign",
+        "benchmark",
+        "emulate",
+        "node",
+        "weigh",
+        "check",
+        "keys",
+        "parameters",
+        "kinematics",
+        "solve",
+        "plan",
+        "scramble",
+        "tables",
+        "vision",
+        "doctor",
+        "calibrate",
+        "replay",
+        "report",
+        "film",
+        "recover",
+        "urdf",
+        "schema",
+        "completions",
+        "man",
+        "picture",
+    ] {
+        assert!(names.contains(command), "{command}");
+        let out = robot(&[command, "--help"]);
+        for line in text(&out.stdout).lines() {
+            let is_command = line.starts_with("  ") && line.contains("rubik-robot ");
+            assert!(line.chars().count() <= 80 || is_command, "{command}: {line}");
+        }
+    }
+}
+
+#[test]
+fn call_without_scenario_lists_the_scenarios() {
+    let out = robot(&["run"]);
+
+    let stderr = text(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{stderr}");
+    for wanted in ["shipped:table ", "  face_turn ", "  rubik-robot run solve"] {
+        assert!(stderr.contains(wanted), "no `{wanted}` in:\n{stderr}");
+    }
+    let head = "  solve           The whole mission: the operator's hand brings a scrambled cube";
+    assert!(stderr.lines().any(|line| line.starts_with(&head[..70])), "{stderr}");
+    assert!(stderr.lines().all(|line| line.chars().count() <= 80), "{stderr}");
+}
+
+/// The name is that of a file in `scenarios`, otherwise that of a built-in scenario.
+#[test]
+fn scenario_name_stands_for_its_file() {
+    let here = robot(&["check", "idle"]);
+    let folder = std::env::temp_dir();
+    let elsewhere = program().args(["check", "solve"]).current_dir(folder).output().unwrap();
+    let wrong = robot(&["check", "ilde"]);
+    let path = robot(&["check", "scenarios/solv.toml"]);
+
+    for (out, wanted) in
+        [(here, "scenario idle: scenarios/idle.toml"), (elsewhere, "scenario solve: shipped:solve")]
+    {
+        assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+        assert_eq!(text(&out.stderr).trim_end(), wanted);
+    }
+    for (out, wanted) in [(wrong, "did you mean `idle`?"), (path, "did you mean `solve`?")] {
+        assert_eq!(out.status.code(), Some(2));
+        assert!(text(&out.stderr).contains(wanted), "{}", text(&out.stderr));
+    }
+}
+
+#[test]
+fn moves_given_as_cube_name_the_scramble_option() {
+    for args in [&["solve", "R U R'"][..], &["solve", "R", "U", "R'"], &["plan", "R U R'"]] {
+        let out = robot(args);
+        let stderr = text(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{args:?}: {stderr}");
+        assert!(stderr.contains("solve --scramble \"R U R'\""), "{args:?}: {stderr}");
+        assert_eq!(text(&out.stdout), "", "{args:?}");
+    }
+    let out = robot(&["solve", "RUX"]);
+    assert!(!text(&out.stderr).contains("--scramble"), "{}", text(&out.stderr));
+}
+
+/// Other text in place of a scenario or of cubes gives a few errors and the number of the others.
+#[test]
+fn file_of_other_text_gives_few_errors() {
+    let other = std::fs::read_to_string("docs/operating.md").unwrap();
+
+    let scenario = robot(&["check", "docs/operating.md"]);
+    let cubes = with_input(&["solve", "-"], &other);
+
+    let stderr = text(&scenario.stderr);
+    assert!(stderr.lines().count() <= 40 && stderr.contains(" more: is this a"), "{stderr}");
+    let stderr = text(&cubes.stderr);
+    assert_eq!(cubes.status.code(), Some(2), "{stderr}");
+    assert!(stderr.lines().count() <= 12 && stderr.contains(" more cubes without"), "{stderr}");
+    // Each of the cubes still has its line.
+    let lines = other.lines().filter(|line| !line.trim().is_empty()).count();
+    assert_eq!(text(&cubes.stdout).lines().count(), lines);
+}
+
+#[test]
+fn colours_appear_only_when_forced_without_terminal() {
+    let call = |variables: &[(&str, &str)]| {
+        let mut call = program();
+        call.env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE");
+        let out = call.envs(variables.iter().copied()).args(["check", "nosuch"]).output().unwrap();
+        text(&out.stderr).to_owned()
+    };
+
+    let plain = call(&[]);
+    assert!(plain.starts_with("cannot read nosuch"), "{plain}");
+    assert!(!plain.contains('\u{1b}'), "{plain}");
+    let forced = call(&[("CLICOLOR_FORCE", "1")]);
+    assert!(forced.starts_with("\u{1b}[31mcannot read nosuch"), "{forced}");
+}
+
+/// Without `RUST_LOG` a warning is a sentence without level, module and time of day.
+#[test]
+fn warnings_are_notices_unless_log_is_wanted() {
+    let call = |log: Option<&str>| {
+        let mut call = program();
+        call.env_remove("RUST_LOG").envs(log.map(|level| ("RUST_LOG", level)));
+        // The recording of the last second of a stopped run goes to a folder that is a file.
+        call.env("XDG_STATE_HOME", "/dev/null");
+        let run = ["run", "scenarios/faults/over_current.toml", "--ui", "none"];
+        text(&call.args(run).output().unwrap().stderr).to_owned()
+    };
+
+    let usual = call(None);
+    assert!(usual.contains("note: the last second"), "{usual}");
+    assert!(!usual.contains("WARN") && !usual.contains("rubik_robot::"), "{usual}");
+    let logged = call(Some("warn"));
+    assert!(logged.contains(" WARN rubik_robot::run"), "{logged}");
+}
+
 #[test]
 fn keys_command_lists_scenario_keys_once_with_meaning() {
     let out = robot(&["keys"]);

@@ -317,7 +317,13 @@ fn one_and_three_threads_solve_in_20_turns() {
         let cube = Cube::scrambled(seed);
         let stop = AtomicBool::new(false);
         let budget = Budget { nodes: u64::MAX, max_length: 20 };
-        let one = Watch { workers: &InTurn, stop: &stop, improved: &|_| (), longest: Some(20) };
+        let one = Watch {
+            workers: &InTurn,
+            stop: &stop,
+            improved: &|_| (),
+            excluded: &|_| (),
+            longest: Some(20),
+        };
         let three = Watch { workers: &Threads::new(3), ..one };
 
         for watch in [one, three] {

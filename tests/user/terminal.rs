@@ -35,6 +35,11 @@ struct Session {
 impl Session {
     /// Starts the program with these arguments at a new terminal.
     fn begin(arguments: &[&str]) -> Self {
+        Self::begin_in(arguments, &[("TERM", "xterm")])
+    }
+
+    /// Starts the program with these arguments and variables at a new terminal.
+    fn begin_in(arguments: &[&str], variables: &[(&str, &str)]) -> Self {
         let master =
             openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
         grantpt(&master).unwrap();
@@ -45,8 +50,10 @@ impl Session {
         tcsetwinsize(&terminal, size).unwrap();
         let before = tcgetattr(&terminal).unwrap();
         let end = || Stdio::from(terminal.try_clone().unwrap());
-        let child =
-            program().args(arguments).stdin(end()).stdout(end()).stderr(end()).spawn().unwrap();
+        let mut call = program();
+        call.env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE").env_remove("RUST_LOG");
+        call.envs(variables.iter().copied()).args(arguments);
+        let child = call.stdin(end()).stdout(end()).stderr(end()).spawn().unwrap();
         let keys = File::from(master);
         let output = Arc::new(Mutex::new(Vec::new()));
         let (mut far, sink) = (keys.try_clone().unwrap(), Arc::clone(&output));
@@ -75,6 +82,11 @@ impl Session {
             letters.push_str(rest);
         }
         letters
+    }
+
+    /// Returns all that the program has written to the terminal until now.
+    fn bytes(&self) -> String {
+        String::from_utf8_lossy(&self.output.lock().unwrap()).into_owned()
     }
 
     /// Returns the 24 lines that the terminal shows: a cell keeps its letter until another one is
@@ -212,6 +224,48 @@ fn run_that_cannot_start_shows_the_reason() {
     session.press(b"q");
 
     assert_eq!(session.ends(), Some(4), "{}", session.output());
+}
+
+/// Run of the idle task for two seconds in real time, without another UI.
+const SLOW: [&str; 8] =
+    ["run", "scenarios/idle.toml", "--ui", "none", "--speed", "1", "--set", "idle.time_s=2"];
+
+#[test]
+fn live_line_is_drawn_and_erased_on_terminal() {
+    let mut session = Session::begin(&SLOW);
+
+    assert_eq!(session.ends(), Some(0), "{}", session.output());
+    session.until("DONE");
+    let bytes = session.bytes();
+    let drawings: Vec<&str> = bytes.split("\r\u{1b}[K").skip(1).collect();
+    let times = drawings.iter().filter(|text| text.contains(" s  idle") && text.contains(" N"));
+    let count = times.count();
+    assert!((3..=20).contains(&count), "{count} drawings in {bytes:?}");
+    // The line is erased before the summary, and is not a line of its own.
+    let summary = drawings.iter().position(|text| text.contains("phase")).unwrap();
+    assert_eq!(summary, drawings.len() - 1, "{bytes:?}");
+    assert!(drawings[summary].contains("\u{1b}[32mDONE"), "{bytes:?}");
+    assert!(drawings[..summary].iter().all(|text| text.chars().count() < 80), "{bytes:?}");
+}
+
+#[test]
+fn dumb_terminal_has_no_live_line() {
+    let mut session = Session::begin_in(&SLOW, &[("TERM", "dumb")]);
+
+    assert_eq!(session.ends(), Some(0), "{}", session.output());
+    session.until("DONE");
+    assert!(!session.bytes().contains('\u{1b}'), "{:?}", session.bytes());
+}
+
+#[test]
+fn live_line_without_colours_is_drawn() {
+    let mut session = Session::begin_in(&SLOW, &[("TERM", "xterm"), ("NO_COLOR", "1")]);
+
+    assert_eq!(session.ends(), Some(0), "{}", session.output());
+    session.until("DONE");
+    let bytes = session.bytes();
+    assert!(bytes.contains("\r\u{1b}[K") && bytes.contains(" s  idle"), "{bytes:?}");
+    assert!(!bytes.contains("\u{1b}[3"), "{bytes:?}");
 }
 
 #[test]

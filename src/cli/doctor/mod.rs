@@ -14,6 +14,7 @@ mod robot;
 use super::arguments::positive;
 use super::catalogue;
 use super::output::{Output, refuse};
+use super::scenarios;
 use crate::hw::driver::{Timing, WallOptions};
 use crate::scenario::Scenario;
 use clap::Args;
@@ -47,6 +48,7 @@ Exit codes: 0 every real-time right is granted, and `run` would accept the scena
 devices; 1 otherwise; 2 wrong usage or scenario.")]
 pub(super) struct DoctorArgs {
     /// Scenario file (TOML) whose priority, core and devices are checked [default: none]
+    #[arg(value_parser = scenarios::parser())]
     scenario: Option<PathBuf>,
     /// Duration of each of the two jitter measurements by the wall clock
     /// (s, 0.1 to 3600)

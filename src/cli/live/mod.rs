@@ -10,12 +10,12 @@ mod view;
 
 use super::cubes::{Refused, report};
 use super::faces::letters;
-use super::output::{Output, complain, refuse};
+use super::output::{Output, inform, refuse};
 use super::ui::{UiArgs, UiKind};
 use crate::hw::camera::{FrameSource, NoFrame};
+use crate::hw::console;
 use crate::hw::folder::FolderCamera;
 use crate::hw::socket_camera::SocketCamera;
-use crate::hw::text::printable;
 use crate::hw::webcam::device::{Encoding, Size};
 use crate::hw::webcam::negotiation::Wish;
 use crate::hw::webcam::{self, WebcamDevice};
@@ -30,7 +30,7 @@ use clap::{Args, ValueEnum};
 use image::RgbImage;
 use page::Page;
 use reader::{Decided, Reader, Seen, is_cube};
-use std::io::{IsTerminal as _, Write as _};
+
 use std::os::unix::fs::FileTypeExt as _;
 use std::path::Path;
 use std::sync::Arc;
@@ -190,7 +190,7 @@ pub(super) fn live(
     status.clear();
     let decided = match end {
         End::Interrupted => {
-            complain("interrupted");
+            inform("interrupted");
             return Ok(INTERRUPTED);
         }
         End::Cube(decided) | End::Lost(_, Some(decided)) => decided.map_err(Refused::from),
@@ -272,27 +272,25 @@ fn said(seen: &Seen, face: Option<&FaceSighting>, wanted: &str) -> (String, Opti
 
 /// Status on stderr: on a terminal one line that changes, and lines that stay.
 struct Status {
-    terminal: bool,
     drawn: Instant,
 }
 
 impl Status {
     /// Makes a status that shows nothing yet.
     fn new() -> Self {
-        Self { terminal: std::io::stderr().is_terminal(), drawn: Instant::now() }
+        Self { drawn: Instant::now() }
     }
 
     /// Prints a line that stays.
     fn say(&self, line: &str) {
         self.clear();
-        complain(line);
+        inform(line);
     }
 
     /// Removes the line that changes.
+    #[allow(clippy::unused_self, reason = "only a status has such a line")]
     fn clear(&self) {
-        if self.terminal {
-            let _ = write!(std::io::stderr(), "\r\x1b[K");
-        }
+        console::show("");
     }
 
     /// Shows what a picture has. A file gets only the lines that stay.
@@ -301,12 +299,8 @@ impl Status {
             self.say(line);
         }
         // Ten changes a second can be read.
-        if self.terminal && self.drawn.elapsed() > Duration::from_millis(100) {
-            // A line that is wider than the terminal could not be removed.
-            let words: String = view.words.chars().take(78).collect();
-            let mut stderr = std::io::stderr();
-            let _ = write!(stderr, "\r\x1b[K{}", printable(&words));
-            let _ = stderr.flush();
+        if self.drawn.elapsed() > Duration::from_millis(100) {
+            console::show(view.words);
             self.drawn = Instant::now();
         }
     }

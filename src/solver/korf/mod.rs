@@ -20,6 +20,7 @@ mod pattern;
 
 use super::coordinates::{PERMUTATIONS, TWISTS, corner_moves, rank, twist, twist_moves};
 use super::optimal::{Answer, Limits};
+use super::search::Watch;
 use super::table::{TableSpec, Workers};
 use crate::cube::{Cube, Turn};
 use fill::{count, distance, fill};
@@ -170,6 +171,15 @@ impl<'a> Korf<'a> {
         workers: &dyn Workers,
         stop: &AtomicBool,
     ) -> Answer {
+        let watch = Watch { workers, stop, improved: &|_| (), excluded: &|_| (), longest: None };
+        self.solve_watched(cube, limits, &watch)
+    }
+
+    /// Finds a shortest solution as [`Korf::solve`] does; `watch` gets each length that a round has
+    /// excluded.
+    #[must_use]
+    pub fn solve_watched(&self, cube: &Cube, limits: Limits, watch: &Watch<'_>) -> Answer {
+        let Watch { workers, stop, .. } = *watch;
         let root = State {
             order: rank(cube.corners()) as u16,
             twist: twist(cube) as u16,
@@ -196,6 +206,7 @@ impl<'a> Korf<'a> {
                 return answer;
             }
             answer.at_least = length + 1;
+            (watch.excluded)(length);
         }
         answer
     }

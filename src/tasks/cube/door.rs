@@ -360,13 +360,19 @@ static TWO_PHASE: LazyLock<Tables> = LazyLock::new(|| Tables::with(&Tables::DEFA
 fn kept(spec: &TableSpec) -> Bytes {
     let report = |spec: &TableSpec, news: News<'_>| match news {
         News::Building(_) => {
-            tracing::warn!("building pruning table {}, which later runs reuse", spec.name);
+            tracing::warn!(
+                "the solver's table {} is being built, which later runs use again",
+                spec.name
+            );
         }
         News::Waiting => {
-            tracing::warn!("waiting for pruning table {}: another process builds it", spec.name);
+            tracing::warn!(
+                "the solver's table {} is being built by another process: waiting for it",
+                spec.name
+            );
         }
         News::NotKept(e) => {
-            tracing::warn!("pruning table {} cannot be saved: {e}", spec.name);
+            tracing::warn!("the solver's table {} cannot be saved: {e}", spec.name);
         }
     };
     let observer = Observer { listener: &report, progress: &|_| () };
