@@ -202,6 +202,7 @@ fn best_in(cubes: &[Cube], time: Duration, threads: usize, tables: &Tables) {
             workers: &Threads::new(threads),
             stop: &stop,
             improved: &|_| (),
+            excluded: &|_| (),
             longest: None,
         };
         std::thread::scope(|scope| {

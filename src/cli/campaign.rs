@@ -484,7 +484,7 @@ impl Campaign {
             done += 1;
             if result.verdict != Verdict::Solved {
                 failed += 1;
-                bar.say(&sentence(&result));
+                inform(&sentence(&result));
             }
             state.results.insert(result.seed, result);
             // The mean time of the runs of this call predicts the time that is left.

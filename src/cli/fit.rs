@@ -142,7 +142,7 @@ fn text_start(line: &str) -> Option<usize> {
 /// Returns the number of columns of a line without its escape sequences.
 fn width(line: &str) -> usize {
     let mut pieces = line.split('\u{1b}');
-    let first = pieces.next().map_or(0, |piece| piece.width());
+    let first = pieces.next().map_or(0, unicode_width::UnicodeWidthStr::width);
     let rest = pieces.map(|piece| piece.split_once('m').map_or(0, |(_, text)| text.width()));
     first + rest.sum::<usize>()
 }

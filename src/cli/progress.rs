@@ -79,11 +79,6 @@ impl Bar {
         }
     }
 
-    /// Prints a line above the bar.
-    pub(super) fn say(&self, text: &str) {
-        inform(text);
-    }
-
     /// Replaces the bar by a line with the result and the time.
     pub(super) fn end(&self, result: &str) {
         self.clear();

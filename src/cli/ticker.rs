@@ -9,6 +9,7 @@ use crate::desk::UiEnd;
 use crate::hw::console;
 use crate::hw::text::shortened;
 use crate::operator::{ControlView, PlanLine, Snapshot};
+use std::fmt::Write as _;
 use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
@@ -103,12 +104,13 @@ fn line(snapshot: &Snapshot, left: Option<f64>, waited: f64, columns: usize) -> 
     let what = step
         .map(|step| (format!(", step {} of {all}: ", step + 1), snapshot.plan[step].what.as_str()));
     let mut tail = String::new();
+    // Writing to a string cannot fail.
     if let Some(left) = left {
-        tail += &format!("  {left:.0} s left");
+        let _ = write!(tail, "  {left:.0} s left");
     }
     let force = |wrench: &[f64; 6]| wrench[..3].iter().map(|f| f * f).sum::<f64>().sqrt();
     if let Some(force) = snapshot.arms.iter().map(|arm| force(&arm.wrench)).reduce(f64::max) {
-        tail += &format!("  {force:4.1} N");
+        let _ = write!(tail, "  {force:4.1} N");
     }
     // The words of the step are shortened: the numbers after them must stay visible.
     let Some((step, words)) = what else { return head + &tail };
