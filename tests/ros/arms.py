@@ -7,6 +7,7 @@ PROGRAM is built with the feature net. The script is the router. Names come from
 hashes of types and the encoder from rosbags: both know nothing of this project.
 """
 
+import atexit
 import json
 import math
 import os
@@ -29,10 +30,11 @@ PORT, DOMAIN = 17448, 5
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 JOINTS, IMAGE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Image"
 ENDPOINT = f"tcp/127.0.0.1:{PORT}"
+NOISE = numpy.random.default_rng(1)
 
 
-def message(name, **fields):
-    return TYPES.types[name](**fields)
+def message(kind, /, **fields):
+    return TYPES.types[kind](**fields)
 
 
 def header(stamp):
@@ -72,7 +74,9 @@ class Run:
                    "none", f"--ros={ENDPOINT}", "--ros-domain", str(DOMAIN), *more]
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self.reader = threading.Thread(target=self.read)
+        # A check that fails must not leave the run behind.
+        atexit.register(self.process.kill)
+        self.reader = threading.Thread(target=self.read, daemon=True)
         self.reader.start()
 
     def read(self):
@@ -138,7 +142,7 @@ def moves(start, by):
 
 
 def follow(program, router, folder):
-    """Commands move an arm; wrong ones, silence and a way into the table do not."""
+    """Commands move an arm; wrong ones, silence and a way out of its reach do not."""
     record = os.path.join(folder, "arms.mcap")
     run = Run(program, router, "--record", record)
     publisher = Publisher(router, "/joint_commands", JOINTS, 1)
@@ -188,7 +192,7 @@ def follow(program, router, folder):
     assert distance(run.joints("postument"), held) < 0.003, "two programs move an arm"
     time.sleep(0.6)
 
-    # A way into the table, in small steps: the arm stops above it.
+    # A way out of the arm's reach, in small steps: the arm stops before its end.
     low, at = dict(held), 0
     while not any("does not follow its targets" in line for line in run.errors):
         at += 1
@@ -225,7 +229,7 @@ def stopped(program, router):
 
 
 def face(own, edges, moved):
-    """Draws a face of a cube on 640x480 px: its stickers, black plastic, a grey wall."""
+    """Draws a face of a cube on 640x480 px: its stickers on black plastic before a grey wall."""
     pixels = numpy.full((480, 640, 3), 120, dtype=numpy.uint8)
     left, top = 190 + moved, 110
     pixels[top:top + 260, left:left + 260] = 15
@@ -234,7 +238,9 @@ def face(own, edges, moved):
             colour = edges if (row + column) % 2 else own
             y, x = top + 8 + 82 * row, left + 8 + 82 * column
             pixels[y:y + 74, x:x + 74] = colour
-    return pixels
+    # A picture without the noise of a camera is refused.
+    noise = NOISE.normal(0, 3, pixels.shape)
+    return numpy.clip(pixels + noise, 0, 255).astype(numpy.uint8)
 
 
 def scan(program, router):
