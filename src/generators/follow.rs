@@ -5,7 +5,7 @@
 //! - out: set joint positions with bounded velocity, acceleration and jerk; [`Followed`] at the end
 //!
 //! Each joint goes to its target as fast as its velocity and acceleration allow, so that it could
-//! stop there. The mean of the last [`WINDOW`] of these places is the set value: it keeps both
+//! stop there. The mean of the last `WINDOW` of these places is the set value: it keeps both
 //! bounds, and its jerk is at most twice the acceleration divided by the time of the window. It
 //! stays between places of the joint, so it also keeps the limits of the joint.
 //!

@@ -103,7 +103,7 @@ pub fn line(tone: Tone, text: &str) {
     let _ = write(format!("{text}\n").as_bytes());
 }
 
-/// Prints a notice that begins with its time, see [`line`]. All of it is in its tone.
+/// Prints a notice that begins with its time, see [`line()`]. All of it is in its tone.
 pub fn timed(tone: Tone, text: &str) {
     let text = printable(text);
     let colour = tone.colour();

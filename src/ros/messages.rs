@@ -3,7 +3,7 @@
 //! - in: the bytes of `sensor_msgs` `Image`, `CompressedImage` and `JointState`
 //! - out: a picture; positions of joints
 //! - A message is never trusted: each length is compared with the bytes that are there before
-//!   anything is allocated, and a picture is at most [`LARGEST_SIDE`] wide and high.
+//!   anything is allocated, and a picture is at most `LARGEST_SIDE` wide and high.
 
 use super::type_hash::type_hash;
 use crate::record::cdr::{Malformed, Reader};

@@ -2,8 +2,7 @@
 //! `ros2_control`.
 //!
 //! The commands come by a sensor, `joint_commands`, whose readings are recorded like those of any
-//! other; so a replay needs no other program. The arms follow by the generator
-//! [`Follow`](crate::generators::follow::Follow).
+//! other; so a replay needs no other program. The arms follow by the generator [`Follow`].
 //!
 //! - in: readings of the sensor
 //! - out: one motion for each arm that has such a sensor, until the time is over, something stops
