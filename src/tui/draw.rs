@@ -574,7 +574,7 @@ mod tests {
     #[test]
     fn plan_lines_stay_within_their_panel() {
         let long = "track turns R' by a quarter, postument holds the cube at its face L until then";
-        for (size, columns) in [((80, 24), 20), ((200, 50), 127)] {
+        for (size, columns) in [((80, 24), 20), ((200, 50), 87)] {
             let mut app = whole();
             let mut s = (*app.snapshot).clone();
             let line = PlanLine { what: long.into(), why: String::new(), seconds: 1.0 };

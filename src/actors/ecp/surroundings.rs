@@ -242,7 +242,7 @@ mod tests {
         let mut far = along(-0.3);
         far.0[2] = 0.0;
         let beyond = checked(along(-0.3), far, 1.0).unwrap_err();
-        assert!(beyond.contains("q2"), "{beyond}");
+        assert!(beyond.contains("joint 2"), "{beyond}");
         let fast = checked(along(-0.3), along(-0.4), 0.02).unwrap_err();
         assert!(fast.contains("too fast for a motor"), "{fast}");
         let past = |d0: f64| JointPositions([d0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
