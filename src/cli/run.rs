@@ -170,7 +170,9 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     while let Some(next) = last.next(&ui, &desk)? {
         // Each run has a recording of its own.
         let record = args.record.as_ref().map(|path| numbered(path, runs + 1));
-        let wanted = options.next(next, record);
+        let mut wanted = options.next(next, record);
+        // Real arms move only after a start of their operator, also when he has chosen another run.
+        wanted.wait |= last.scenario.bridge.kind.is_hardware();
         let (scenario, keep) = match wanted.prepare() {
             Ok(prepared) => prepared,
             Err(why) => {

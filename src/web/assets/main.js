@@ -283,7 +283,7 @@ scene.triad = () => (snapshot?.services.manual ? manual.axes() : null);
 scene.first = () => look(kept("view", "cell"));
 // F8 and F9 work everywhere on the page, also in a dialog or a field.
 addEventListener("keydown", (event) => {
-  if (event.key === "F8" && !$("emergency").disabled) commands.give("emergency_stop");
+  if (event.key === "F8" && !$("emergency").disabled && $("emergency").checkVisibility()) commands.give("emergency_stop");
   else if (event.key === "F9") for (const id of ["pause", "resume"]) { if (!$(id).disabled) { $(id).click(); break; } }
   else return;
   event.preventDefault();
