@@ -12,6 +12,8 @@ use unicode_width::UnicodeWidthStr as _;
 const SOURCE: usize = 100;
 /// Columns without a terminal.
 const USUAL: usize = 80;
+/// Deepest indent of the rows of a list.
+const DEEPEST: usize = 8;
 /// Columns of a list after which no second column begins.
 const LAST: usize = 36;
 
@@ -69,7 +71,7 @@ fn fitted(text: &str, columns: usize) -> String {
     fitted
 }
 
-/// Returns whether `next` continues the sentence of `line`: it has the indent of its text, and it
+/// Returns whether `next` continues the sentence of `line`: its indent is that of the text, and it
 /// begins in lower case, or its first word had no room in that line.
 fn continues(line: &str, next: &str, hanging: usize) -> bool {
     let indent = next.len() - next.trim_start().len();
@@ -77,8 +79,12 @@ fn continues(line: &str, next: &str, hanging: usize) -> bool {
     // A word in brackets is a default, which has a line of its own.
     let prose = !word.is_empty() && !word.starts_with('[') && text_start(next).is_none();
     let filled = width(line) + 1 + word.width() > SOURCE;
-    let same = filled || line.ends_with(',') || word.starts_with(char::is_lowercase);
-    prose && same && indent == hanging && !is_command(line) && !is_command(next)
+    // Rows of a list without a second column are apart unless a comma joins them.
+    let row = (1..=DEEPEST).contains(&indent);
+    let sentence = !line.ends_with(['.', ':']) && !word.starts_with(char::is_uppercase);
+    let same = filled || line.ends_with(',') || (sentence && !row);
+    let aligned = indent == hanging || (indent > DEEPEST && hanging > DEEPEST);
+    prose && same && aligned && !is_command(line) && !is_command(next)
 }
 
 /// Returns whether a line has an example of a command.
@@ -131,7 +137,7 @@ fn hanging(line: &str) -> usize {
 /// Returns the byte at which the second column of a list begins; `None` for a line of prose.
 fn text_start(line: &str) -> Option<usize> {
     let indent = line.len() - line.trim_start().len();
-    if indent == 0 || indent > 8 {
+    if indent == 0 || indent > DEEPEST {
         return None;
     }
     let gap = indent + line[indent..].find("  ")?;
@@ -153,15 +159,15 @@ mod tests {
 
     #[test]
     fn prose_is_broken_again_and_keeps_paragraphs() {
-        let first = format!("{} end", ["word"; 19].join(" "));
-        let text = format!("{first}\nlonger last.\nExit codes: 0 done.\n");
+        let first = format!("{} end.", ["word"; 18].join(" "));
+        let text = format!("{first}\nA longer paragraph.\nExit codes: 0 done.\n");
 
         let fitted = fitted(&text, 80);
 
         let wanted = format!(
-            "{}\n{} end\nlonger last.\nExit codes: 0 done.\n",
+            "{}\n{} end.\nA longer paragraph.\nExit codes: 0 done.\n",
             ["word"; 16].join(" "),
-            ["word"; 3].join(" ")
+            ["word"; 2].join(" ")
         );
         assert_eq!(fitted, wanted);
         // A line that was full continues in the next one.
@@ -169,6 +175,17 @@ mod tests {
         let text = super::fitted(&format!("{full}\nlonger last.\n"), 80);
         let (head, tail) = (["word"; 16].join(" "), ["word"; 4].join(" "));
         assert_eq!(text, format!("{head}\n{tail} longer last.\n"));
+    }
+
+    #[test]
+    fn rows_of_a_list_stay_apart() {
+        let row = ["word"; 19].join(" ");
+
+        let text = fitted(&format!("  {row}\n  other row\n  {row},\n  same row\n"), 80);
+
+        let lines: Vec<&str> = text.lines().map(str::trim).collect();
+        assert!(lines.contains(&"other row"), "{text}");
+        assert!(lines.contains(&"word word word word, same row"), "{text}");
     }
 
     #[test]

@@ -70,6 +70,7 @@ use std::process::ExitCode;
 /// End of the program's help.
 const HELP: &str = "\
 Try these commands, in this order:
+  rubik-robot run                                         # the scenarios
   rubik-robot run scenarios/solve.toml                    # the whole mission
   rubik-robot run scenarios/solve.toml --seed 7           # another cube, hand and noise
   rubik-robot run scenarios/face_turn.toml --set control.compliance=none
@@ -118,7 +119,7 @@ enum Command {
     Node(node::NodeArgs),
     /// Measure the weight of a tool, its centre of mass and the bias of the force sensor
     Weigh(weigh::WeighArgs),
-    /// Check a scenario without running it and list all its errors
+    /// Check a scenario without running it and list its errors
     #[command(after_help = "\
 Examples:
   rubik-robot check scenarios/solve.toml
@@ -126,8 +127,8 @@ Examples:
   rubik-robot check scenarios/solve.toml --set 'effector.track.tool_xyz_mm=[0,0,260]'
 
 A valid scenario gets one line: task, coordination, effectors, numbers of cameras and sensors, seed.
-Otherwise all errors go to stderr, those of the file with its line and column. Devices of hardware
-are not examined: `rubik-robot doctor` does that.
+Otherwise the first ten errors go to stderr, those of the file with its line and column, and the
+number of the others. Devices of hardware are not examined: `rubik-robot doctor` does that.
 Exit codes: 0 the scenario is valid, 2 it has an error or cannot be read.")]
     Check(ScenarioArgs),
     /// List the keys of scenarios with unit, default, range and meaning
