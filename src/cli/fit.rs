@@ -159,19 +159,33 @@ mod tests {
 
     #[test]
     fn prose_is_broken_again_and_keeps_paragraphs() {
-        let first = format!("{} end.", ["word"; 17].join(" "));
-        let text = format!("{first}\nGo on.\nExit codes: 0 done.\n");
+        let first = format!("{} end.", ["word"; 18].join(" "));
+        let text = format!("{first}\nA longer paragraph.\nExit codes: 0 done.\n");
 
         let fitted = fitted(&text, 80);
 
-        let full_line = ["word"; 16].join(" ");
-        let wanted = format!("{full_line}\nword end.\nGo on.\nExit codes: 0 done.\n");
+        let wanted = format!(
+            "{}\n{} end.\nA longer paragraph.\nExit codes: 0 done.\n",
+            ["word"; 16].join(" "),
+            ["word"; 2].join(" ")
+        );
         assert_eq!(fitted, wanted);
         // A line that was full continues in the next one.
         let full = ["word"; 20].join(" ");
         let text = super::fitted(&format!("{full}\nlonger last.\n"), 80);
         let (head, tail) = (["word"; 16].join(" "), ["word"; 4].join(" "));
         assert_eq!(text, format!("{head}\n{tail} longer last.\n"));
+    }
+
+    #[test]
+    fn rows_of_a_list_stay_apart() {
+        let row = ["word"; 19].join(" ");
+
+        let text = fitted(&format!("  {row}\n  other row\n  {row},\n  same row\n"), 80);
+
+        let lines: Vec<&str> = text.lines().map(str::trim).collect();
+        assert!(lines.contains(&"other row"), "{text}");
+        assert!(lines.contains(&"word word word word, same row"), "{text}");
     }
 
     #[test]

@@ -291,13 +291,16 @@ fn colours_appear_only_when_forced_without_terminal() {
 /// Without `RUST_LOG` a warning is a sentence without level, module and time of day.
 #[test]
 fn warnings_are_notices_unless_log_is_wanted() {
+    let idle = std::fs::read_to_string("scenarios/idle.toml").unwrap();
+    let fault = "[[fault]]\nkind = \"limit_switch\"\narm = \"postument\"\naxis = 1\nat_s = 0.2\n";
+    let scenario = Scenario::new("limit", &format!("{idle}{fault}"));
     let call = |log: Option<&str>| {
         let mut call = program();
         call.env_remove("RUST_LOG").envs(log.map(|level| ("RUST_LOG", level)));
-        // The recording of the last second of a stopped run goes to a folder that is a file.
+        // The last second of the stopped run goes to a folder that is a file.
         call.env("XDG_STATE_HOME", "/dev/null");
-        let run = ["run", "scenarios/faults/over_current.toml", "--ui", "none"];
-        text(&call.args(run).output().unwrap().stderr).to_owned()
+        let out = call.args(["run", scenario.path(), "--ui", "none"]).output().unwrap();
+        text(&out.stderr).to_owned()
     };
 
     let usual = call(None);
