@@ -156,13 +156,21 @@ pub fn has_live_line() -> bool {
 /// Returns whether lines on stderr have colours.
 #[must_use]
 pub fn has_colours() -> bool {
-    AutoStream::choice(&io::stderr()) != ColorChoice::Never
+    colours(&io::stderr())
 }
 
 /// Returns whether results on stdout have colours.
 #[must_use]
 pub fn colours_results() -> bool {
-    AutoStream::choice(&io::stdout()) != ColorChoice::Never
+    colours(&io::stdout())
+}
+
+/// Returns whether lines on this stream have colours: a terminal that cannot erase a line has none,
+/// unless they are forced.
+fn colours(stream: &impl anstream::stream::RawStream) -> bool {
+    let forced = std::env::var_os("CLICOLOR_FORCE").is_some_and(|forced| forced != "0");
+    let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
+    AutoStream::choice(stream) != ColorChoice::Never && (forced || !dumb)
 }
 
 /// Returns the number of columns of the terminal at stderr.

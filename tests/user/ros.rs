@@ -96,8 +96,6 @@ fn follow_joints_needs_a_sensor_of_an_arm() {
 
     let nobody = refused(&["vsp.track_commands.owner=mp", "vsp.postument_commands.owner=mp"]);
     assert!(nobody.contains("needs a [[vsp]] with kind = \"joint_commands\""), "{nobody}");
-    let topic = refused(&["joint_commands.topic=/a/*"]);
-    assert!(topic.contains("`joint_commands.topic`: \"/a/*\" is no full name"), "{topic}");
     let camera = refused(&["camera.standalone.source=ros", "camera.standalone.topic=image"]);
     assert!(camera.contains("`camera.standalone.topic`: \"image\" is no full name"), "{camera}");
     let continuous = refused(&["coordination=continuous"]);
@@ -117,4 +115,15 @@ fn topic_without_router_refuses_run() {
     let told = String::from_utf8_lossy(&out.stderr);
     assert_ne!(out.status.code(), Some(0));
     assert!(told.contains("topic /joint_commands over tcp/127.0.0.1:1: "), "{told}");
+
+    let out = program()
+        .arg("run")
+        .arg(path())
+        .args(["--json", "--ui", "none", "--set", "joint_commands.topic=/a/*"])
+        .output()
+        .unwrap();
+
+    let told = String::from_utf8_lossy(&out.stderr);
+    assert_ne!(out.status.code(), Some(0));
+    assert!(told.contains("`joint_commands.topic`: \"/a/*\" is no full name"), "{told}");
 }

@@ -179,10 +179,16 @@ impl Session {
         let after = tcgetattr(&self.terminal).unwrap();
         assert_eq!(after.local_modes, self.before.local_modes, "not raw any more");
         assert!(after.local_modes.contains(LocalModes::ICANON | LocalModes::ECHO));
-        let output = self.output.lock().unwrap().clone();
-        let of =
-            |sequence: &[u8]| output.windows(sequence.len()).filter(|w| *w == sequence).count();
-        assert_eq!(of(b"\x1b[?1049h"), of(b"\x1b[?1049l"), "back from the alternate screen");
+        // The thread that reads the output may be behind the end of the program.
+        let of = |sequence: &[u8]| {
+            let output = self.output.lock().unwrap();
+            output.windows(sequence.len()).filter(|w| *w == sequence).count()
+        };
+        let is_back = || of(b"\x1b[?1049h") == of(b"\x1b[?1049l");
+        while !is_back() && begun.elapsed() < PATIENCE {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        assert!(is_back(), "back from the alternate screen");
         status.code()
     }
 }

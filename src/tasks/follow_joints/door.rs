@@ -34,10 +34,6 @@ impl Task for FollowJoints {
             );
             reader.fault("vsp", reason);
         }
-        let topic = config.sections.get::<SensorKeys>(SENSOR).map(|keys| keys.topic.as_str());
-        if let Some(why) = topic.and_then(refuses_topic) {
-            reader.fault("joint_commands.topic", format!("`joint_commands.topic`: {why}"));
-        }
     }
 
     fn kernel(setup: Setup<'_, Self>) -> Result<RobotKernel, String> {
@@ -79,6 +75,9 @@ impl Sensor for JointCommands {
     }
 
     fn in_cell(keys: &SensorKeys, config: &ControllerConfig) -> Result<Self, String> {
+        if let Some(why) = refuses_topic(&keys.topic) {
+            return Err(format!("`joint_commands.topic`: {why}"));
+        }
         let arms = config.cell.arms.iter().map(|arm| ArmJoints {
             name: arm.name.clone(),
             has_track: arm.model.has_track,
