@@ -125,5 +125,8 @@ fn topic_without_router_refuses_run() {
 
     let told = String::from_utf8_lossy(&out.stderr);
     assert_ne!(out.status.code(), Some(0));
-    assert!(told.contains("`joint_commands.topic`: \"/a/*\" is no full name"), "{told}");
+    assert!(
+        told.contains("track_commands could not be created: \"/a/*\" is no full name"),
+        "{told}"
+    );
 }

@@ -6,7 +6,6 @@ use super::{Order, SENSOR, follow_joints};
 use crate::generators::follow::Targets;
 use crate::kernel::robot::RobotKernel;
 use crate::motion::ArmState;
-use crate::net::refuses_topic;
 use crate::registry::{Device, Sensor, Setup, Task};
 use crate::ros::Listener;
 use crate::ros::messages::{JOINTS, JointState, joint_state};
@@ -75,9 +74,6 @@ impl Sensor for JointCommands {
     }
 
     fn in_cell(keys: &SensorKeys, config: &ControllerConfig) -> Result<Self, String> {
-        if let Some(why) = refuses_topic(&keys.topic) {
-            return Err(format!("`joint_commands.topic`: {why}"));
-        }
         let arms = config.cell.arms.iter().map(|arm| ArmJoints {
             name: arm.name.clone(),
             has_track: arm.model.has_track,
