@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 /// Width of the bar (characters).
 const WIDTH: usize = 30;
 /// Least time between two drawings: five a second can be read.
-const REDRAW: Duration = Duration::from_millis(200);
+pub(super) const REDRAW: Duration = Duration::from_millis(200);
 /// Time after which a person wonders whether the program still works.
 const LONG: Duration = Duration::from_secs(1);
 
@@ -100,50 +100,67 @@ impl Drop for Bar {
     }
 }
 
+/// Thread that draws the live line of the console five times a second. Dropping it erases the line.
+#[derive(Debug)]
+pub(super) struct Drawing {
+    /// Dropping the sender ends the thread.
+    leave: Option<Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Drawing {
+    /// Begins to draw what `text` returns, for the first time after `first`. Work goes on without
+    /// the line if there is no thread for it.
+    pub(super) fn start(
+        first: Duration,
+        mut text: impl FnMut() -> String + Send + 'static,
+    ) -> Self {
+        let (leave, left) = channel();
+        let work = move || {
+            let mut pause = first;
+            while left.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
+                console::show(&text());
+                pause = REDRAW;
+            }
+            console::show("");
+        };
+        let thread = std::thread::Builder::new().name("live line".into()).spawn(work).ok();
+        Self { leave: Some(leave), thread }
+    }
+}
+
+impl Drop for Drawing {
+    fn drop(&mut self) {
+        self.leave = None;
+        // A thread that panicked has no line to erase.
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
 /// Live line about work whose end is unknown: its words and the time that it has taken. The line
 /// appears after [`LONG`] and goes when this value is dropped.
 pub(super) struct Waiting {
     /// Words of the line.
     words: Arc<Mutex<String>>,
-    /// Dropping the sender ends the thread.
-    leave: Option<Sender<()>>,
-    thread: Option<JoinHandle<()>>,
+    _drawing: Option<Drawing>,
 }
 
 impl Waiting {
     /// Begins the work. Without a live line, or a thread, nothing is shown.
     pub(super) fn begin(words: &str) -> Self {
         let words = Arc::new(Mutex::new(words.to_owned()));
-        if !console::has_live_line() {
-            return Self { words, leave: None, thread: None };
-        }
-        let (leave, left) = channel();
-        let shown = Arc::clone(&words);
-        let work = move || {
-            let begun = Instant::now();
-            let mut pause = LONG;
-            while left.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
-                let words = shown.lock().unwrap_or_else(PoisonError::into_inner).clone();
-                console::show(&format!("{words}, {:.0} s", begun.elapsed().as_secs_f64()));
-                pause = REDRAW;
-            }
-            console::show("");
+        let (shown, begun) = (Arc::clone(&words), Instant::now());
+        let text = move || {
+            let words = shown.lock().unwrap_or_else(PoisonError::into_inner).clone();
+            format!("{words}, {:.0} s", begun.elapsed().as_secs_f64())
         };
-        let thread = std::thread::Builder::new().name("waiting".into()).spawn(work).ok();
-        Self { words, leave: Some(leave), thread }
+        let drawing = console::has_live_line().then(|| Drawing::start(LONG, text));
+        Self { words, _drawing: drawing }
     }
 
     /// Replaces the words of the line.
     pub(super) fn say(&self, words: &str) {
         words.clone_into(&mut self.words.lock().unwrap_or_else(PoisonError::into_inner));
-    }
-}
-
-impl Drop for Waiting {
-    fn drop(&mut self) {
-        self.leave = None;
-        // A thread that panicked has no line to erase.
-        let _ = self.thread.take().map(JoinHandle::join);
     }
 }
 

@@ -12,16 +12,14 @@ use crate::actors::control::is_speed;
 use crate::desk::Desk;
 use crate::hw::text;
 use crate::record::reading::{Label, Piece, Reading};
-use crate::run::SIGNALS;
 use crate::run::show::Show;
+use crate::run::signalled;
 use crate::run::verify::{self, Verified};
 use crate::scenario::maker::Maker;
 use crate::scenario::{Override, Scenario};
 use clap::Args;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -122,10 +120,7 @@ fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
         inform(&show.ending());
         return Ok(0);
     }
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in SIGNALS {
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
+    let stop = signalled()?;
     show.run(&desk.run_end(), args.speed, true, &stop);
     // A key, the page or a signal has ended the replay, so the UI does not stay.
     ui.leave()?;

@@ -10,7 +10,7 @@ use super::arguments::{ScenarioArgs, check_devices};
 use super::output::{Output, clash, complain, inform, refuse};
 use super::record;
 use super::ros::RosArgs;
-use super::ticker::Ticker;
+use super::ticker;
 use super::ui::{Ui, UiArgs};
 use crate::actors::control::is_speed;
 use crate::desk::Desk;
@@ -23,12 +23,12 @@ use crate::record::journal::Journal;
 use crate::record::place::Place;
 use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
-use crate::run::{self, RunContext, RunOptions, SavedFiles};
+use crate::run::{self, RunContext, RunOptions, SavedFiles, numbered};
 use crate::scenario::declared::TaskLabel;
 use crate::scenario::keys::{BridgeKind, Pace};
 use crate::scenario::{Override, Scenario};
 use crate::tui;
-use after::{AfterRun, Next, numbered};
+use after::{AfterRun, Next};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use rustix::process::{Signal, set_parent_process_death_signal};
@@ -229,7 +229,7 @@ fn one(
         saved: keep,
         ..RunContext::default()
     };
-    let ticker = ticks.then(|| Ticker::start(desk.ui_end()));
+    let ticker = ticks.then(|| ticker::start(desk.ui_end()));
     let done = run::run_with(scenario, args.options(ui), context);
     drop(ticker);
     let written = recorder.finish();

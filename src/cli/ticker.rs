@@ -5,56 +5,28 @@
 //!
 //! The time left is that of the plan's own steps, scaled by how long the steps until now took.
 
+use super::progress::{Drawing, REDRAW};
 use crate::desk::UiEnd;
 use crate::hw::console;
 use crate::hw::text::shortened;
 use crate::operator::{ControlView, PlanLine, Snapshot};
 use std::fmt::Write as _;
 use std::sync::Arc;
-use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-/// Time between two drawings.
-const REDRAW: Duration = Duration::from_millis(200);
 /// Least planned time of the steps that are done before they scale the time left (s).
 const SETTLED: f64 = 10.0;
 /// Bounds of that scale: a single step that takes long must not decide.
 const SCALES: (f64, f64) = (0.5, 3.0);
 
-/// Thread that draws the line. Dropping it erases the line.
-#[derive(Debug)]
-pub(super) struct Ticker {
-    /// Dropping the sender ends the thread.
-    leave: Option<Sender<()>>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Ticker {
-    /// Starts to show the run of `desk`. A run does without the line if there is no thread for it.
-    pub(super) fn start(desk: UiEnd) -> Self {
-        let (leave, left) = channel();
-        let work = move || {
-            let (begun, mut estimate) = (Instant::now(), Estimate::default());
-            while left.recv_timeout(REDRAW) == Err(RecvTimeoutError::Timeout) {
-                let snapshot = desk.snapshots.borrow().clone();
-                let waited = begun.elapsed().as_secs_f64();
-                let seconds = estimate.left(&snapshot);
-                console::show(&line(&snapshot, seconds, waited, usize::from(console::columns())));
-            }
-            console::show("");
-        };
-        let thread = std::thread::Builder::new().name("ticker".into()).spawn(work).ok();
-        Self { leave: Some(leave), thread }
-    }
-}
-
-impl Drop for Ticker {
-    fn drop(&mut self) {
-        self.leave = None;
-        // A thread that panicked has no line to erase.
-        let _ = self.thread.take().map(JoinHandle::join);
-    }
+/// Starts to show the run of `desk` until the drawing is dropped.
+pub(super) fn start(desk: UiEnd) -> Drawing {
+    let (begun, mut estimate) = (Instant::now(), Estimate::default());
+    Drawing::start(REDRAW, move || {
+        let snapshot = desk.snapshots.borrow().clone();
+        let (waited, seconds) = (begun.elapsed().as_secs_f64(), estimate.left(&snapshot));
+        line(&snapshot, seconds, waited, usize::from(console::columns()))
+    })
 }
 
 /// Estimate of the time left in a plan.

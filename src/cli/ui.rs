@@ -6,7 +6,7 @@
 use super::output::{complain, inform, warn};
 use crate::desk::{RunEnd, UiEnd};
 use crate::operator::Input;
-use crate::run::SIGNALS;
+use crate::run::signalled;
 use crate::tui;
 use crate::web::Server;
 use crate::web::guard::HostName;
@@ -270,11 +270,8 @@ impl Terminal {
     /// Switches the terminal to the UI's screen and starts the thread that shows the UI of `desk`.
     fn open(desk: UiEnd) -> std::io::Result<Self> {
         let screen = tui::Screen::open()?;
-        let leave = Arc::new(AtomicBool::new(false));
         // A signal must end the UI as well, or the terminal would stay in raw mode.
-        for signal in SIGNALS {
-            signal_hook::flag::register(signal, Arc::clone(&leave))?;
-        }
+        let leave = signalled()?;
         let leaves = Arc::clone(&leave);
         let thread = std::thread::Builder::new().name("tui".into()).spawn(move || {
             let shown = tui::show(screen, &desk, &leaves);
@@ -323,10 +320,7 @@ impl Drop for Terminal {
 /// Waits for an input that has a meaning after a run. A signal that ends the program counts as
 /// [`Input::Quit`].
 fn wait(run_end: &RunEnd) -> anyhow::Result<Input> {
-    let signalled = Arc::new(AtomicBool::new(false));
-    for signal in SIGNALS {
-        signal_hook::flag::register(signal, Arc::clone(&signalled))?;
-    }
+    let signalled = signalled()?;
     let mut inputs = run_end.take_inputs();
     while !signalled.load(Ordering::Acquire) {
         while let Some(input) = inputs.as_mut().and_then(|inputs| inputs.try_recv().ok()) {

@@ -60,7 +60,7 @@ fn write_new(document: &Document) -> io::Result<PathBuf> {
 }
 
 /// Returns the path with a number behind the stem of its name; number 1 is the path itself.
-fn numbered(path: &Path, number: u32) -> PathBuf {
+pub(crate) fn numbered(path: &Path, number: u32) -> PathBuf {
     if number == 1 {
         return path.to_owned();
     }
@@ -78,6 +78,17 @@ mod tests {
     use super::*;
     use crate::tables::testing::Folder;
     use std::fs;
+
+    #[test]
+    fn number_stands_before_the_extension() {
+        for (path, next) in [
+            ("run.mcap", "run-2.mcap"),
+            ("a.b/run", "a.b/run-2"),
+            ("/x/cell.run.mcap", "/x/cell.run-2.mcap"),
+        ] {
+            assert_eq!(numbered(Path::new(path), 2), Path::new(next));
+        }
+    }
 
     #[test]
     fn existing_file_stays_and_number_is_added() {

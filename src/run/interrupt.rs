@@ -52,6 +52,18 @@ pub(crate) fn ending_signals() -> Vec<i32> {
     SIGNALS.into_iter().filter(|&signal| signal != SIGHUP || !is_ignored(signal)).collect()
 }
 
+/// Returns a flag that each of [`SIGNALS`] sets from now on.
+///
+/// # Errors
+/// The error of the system, if it takes no handler.
+pub(crate) fn signalled() -> std::io::Result<Arc<AtomicBool>> {
+    let flag = Arc::new(AtomicBool::new(false));
+    for signal in SIGNALS {
+        signal_hook::flag::register(signal, Arc::clone(&flag))?;
+    }
+    Ok(flag)
+}
+
 /// Makes the process ignore the signals that have no meaning for a run. A handler that does nothing
 /// would not suffice: the system would repeat the read that SIGTTIN interrupts again and again.
 #[allow(unsafe_code, reason = "no safe function sets a signal to be ignored")]

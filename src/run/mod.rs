@@ -43,7 +43,8 @@ mod witness;
 mod world;
 mod world_file;
 
-pub(crate) use interrupt::{SIGNALS, ending_signals};
+pub(crate) use documents::numbered;
+pub(crate) use interrupt::{ending_signals, signalled};
 pub(crate) use node::{NodeContext, NodeEnd, host};
 pub use options::{PlantProbe, RunContext, RunOptions, SavedFiles};
 pub(crate) use outcome::{exertion, not_begun};

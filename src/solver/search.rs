@@ -71,6 +71,14 @@ pub struct Watch<'a> {
     pub longest: Option<u8>,
 }
 
+impl Watch<'_> {
+    /// Returns the watch of a search with one worker that nobody stops or listens to.
+    fn alone() -> Self {
+        static NEVER: AtomicBool = AtomicBool::new(false);
+        Self { workers: &InTurn, stop: &NEVER, improved: &|_| (), excluded: &|_| (), longest: None }
+    }
+}
+
 /// One more than the number of turns that every cube can be solved in: 12 in phase 1, 18 in phase
 /// 2.
 pub(super) const LONGEST: usize = 31;
@@ -91,13 +99,7 @@ const CHECKED: u8 = 4;
 /// shortest one found. The result is the same on every machine.
 #[must_use]
 pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
-    let watch = Watch {
-        workers: &InTurn,
-        stop: &AtomicBool::new(false),
-        improved: &|_| (),
-        excluded: &|_| (),
-        longest: None,
-    };
+    let watch = Watch::alone();
     solve_watched(cube, tables, budget, &watch)
 }
 
@@ -156,13 +158,7 @@ pub(super) fn each_solution(
     nodes: u64,
     take: &(dyn Fn(Vec<Turn>, usize) -> Continuation + Sync),
 ) {
-    let watch = Watch {
-        workers: &InTurn,
-        stop: &AtomicBool::new(false),
-        improved: &|_| (),
-        excluded: &|_| (),
-        longest: None,
-    };
+    let watch = Watch::alone();
     let goal = Goal {
         budget: &Budget { nodes, max_length: 0 },
         watch: &watch,

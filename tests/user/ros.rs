@@ -105,28 +105,18 @@ fn follow_joints_needs_a_sensor_of_an_arm() {
 /// Without a router, or in a build without the network, the run is refused with the topic's name.
 #[test]
 fn topic_without_router_refuses_run() {
-    let out = program()
-        .arg("run")
-        .arg(path())
-        .args(["--json", "--ui", "none", "--set", "ros.router=tcp/127.0.0.1:1"])
-        .output()
-        .unwrap();
+    for (set, reason) in [
+        ("ros.router=tcp/127.0.0.1:1", "topic /joint_commands over tcp/127.0.0.1:1: "),
+        (
+            "joint_commands.topic=/a/*",
+            "track_commands could not be created: \"/a/*\" is no full name",
+        ),
+    ] {
+        let args = ["--json", "--ui", "none", "--set", set];
+        let out = program().arg("run").arg(path()).args(args).output().unwrap();
 
-    let told = String::from_utf8_lossy(&out.stderr);
-    assert_ne!(out.status.code(), Some(0));
-    assert!(told.contains("topic /joint_commands over tcp/127.0.0.1:1: "), "{told}");
-
-    let out = program()
-        .arg("run")
-        .arg(path())
-        .args(["--json", "--ui", "none", "--set", "joint_commands.topic=/a/*"])
-        .output()
-        .unwrap();
-
-    let told = String::from_utf8_lossy(&out.stderr);
-    assert_ne!(out.status.code(), Some(0));
-    assert!(
-        told.contains("track_commands could not be created: \"/a/*\" is no full name"),
-        "{told}"
-    );
+        let told = String::from_utf8_lossy(&out.stderr);
+        assert_ne!(out.status.code(), Some(0), "{set}");
+        assert!(told.contains(reason), "{told}");
+    }
 }

@@ -9,13 +9,12 @@ use crate::cli::replay;
 use crate::cli::report;
 use crate::cli::ui::Ui;
 use crate::desk::Desk;
-use crate::operator::{After, Class, Input, Message};
+use crate::operator::{After, Class, Input, Message, Snapshot};
 use crate::record::journal::Journal;
-use crate::run::{SIGNALS, SavedFiles};
+use crate::run::{SavedFiles, signalled};
 use crate::scenario::Scenario;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// A run that is over.
 pub(super) struct AfterRun {
@@ -67,15 +66,12 @@ impl AfterRun {
 
     /// Shows on the page which ways on there are.
     fn offer(&self, desk: &Desk) {
-        let run_end = desk.run_end();
-        let mut snapshot = run_end.latest().as_ref().clone();
-        snapshot.number += 1;
-        snapshot.services.after = Some(After {
+        let after = After {
             seed: self.scenario.seed,
             resumes: self.journal().is_some(),
-            recorded: self.record.as_ref().is_some_and(|path| path.is_file()),
-        });
-        run_end.publish(snapshot);
+            recorded: self.recording().is_ok(),
+        };
+        show_changed(desk, |snapshot| snapshot.services.after = Some(after));
     }
 
     /// Returns the recording of the last run.
@@ -93,10 +89,7 @@ impl AfterRun {
         let (history, pictures) = (ui.history(Clone::clone), ui.pictures.borrow().clone());
         let (_, scenario) = replay::load(path).map_err(anyhow::Error::msg)?;
         let show = replay::read(path, &scenario).map_err(anyhow::Error::msg)?;
-        let stop = Arc::new(AtomicBool::new(false));
-        for signal in SIGNALS {
-            signal_hook::flag::register(signal, Arc::clone(&stop))?;
-        }
+        let stop = signalled()?;
         show.run(&run_end, 1.0, true, &stop);
         let number = run_end.latest().number;
         run_end.replace_history(history);
@@ -127,44 +120,23 @@ pub(super) fn refused(desk: &Desk, why: &anyhow::Error) {
 
 /// Shows a message on the page after a run.
 fn tell(desk: &Desk, class: Class, text: &str) {
+    show_changed(desk, |snapshot| {
+        let message = Message {
+            number: snapshot.messages.last().map_or(1, |message| message.number + 1),
+            time: snapshot.time,
+            class,
+            source: "ui".to_owned(),
+            text: text.to_owned(),
+        };
+        Arc::make_mut(&mut snapshot.messages).push(message);
+    });
+}
+
+/// Shows the latest snapshot with a change as the next one.
+fn show_changed(desk: &Desk, change: impl FnOnce(&mut Snapshot)) {
     let run_end = desk.run_end();
     let mut snapshot = run_end.latest().as_ref().clone();
-    let number = snapshot.messages.last().map_or(1, |message| message.number + 1);
-    let message = Message {
-        number,
-        time: snapshot.time,
-        class,
-        source: "ui".to_owned(),
-        text: text.to_owned(),
-    };
-    Arc::make_mut(&mut snapshot.messages).push(message);
+    change(&mut snapshot);
     snapshot.number += 1;
     run_end.publish(snapshot);
-}
-
-/// Returns the path of a file for the run with this number: `run.mcap` becomes `run-2.mcap`.
-pub(super) fn numbered(path: &Path, run: u32) -> PathBuf {
-    let mut name = path.file_stem().unwrap_or_default().to_owned();
-    name.push(format!("-{run}"));
-    if let Some(extension) = path.extension() {
-        name.push(".");
-        name.push(extension);
-    }
-    path.with_file_name(name)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn next_recording_has_number_of_its_run() {
-        for (path, next) in [
-            ("run.mcap", "run-2.mcap"),
-            ("a.b/run", "a.b/run-2"),
-            ("/x/cell.run.mcap", "/x/cell.run-2.mcap"),
-        ] {
-            assert_eq!(numbered(Path::new(path), 2), Path::new(next));
-        }
-    }
 }

@@ -23,7 +23,7 @@
 
 use super::config::Jaws;
 use super::frame::{Frame, nearest_alignment, rotation_vector};
-use crate::cell::Gripper;
+use crate::cell::{Cell, Gripper};
 use crate::motion::Depth;
 use nalgebra::{Matrix6, Vector3};
 use std::f64::consts::FRAC_PI_2;
@@ -113,7 +113,28 @@ pub(super) struct Hands<'a> {
     pub(super) layer: Frame,
 }
 
-impl Hands<'_> {
+impl<'a> Hands<'a> {
+    /// Makes the hand of an arm with full friction at a straight cube. Its pads are `jaws`, which
+    /// are `opening` (m) apart.
+    pub(super) fn at_cube(
+        cell: &'a Cell,
+        arm: usize,
+        jaws: &'a Jaws,
+        opening: f64,
+        stops: Depth,
+    ) -> Self {
+        Self {
+            gripper: &cell.arms[arm].gripper,
+            jaws,
+            size: Vector3::repeat(cell.cube.edge),
+            anywhere: false,
+            opening,
+            stops,
+            hold: 1.0,
+            layer: Frame::IDENTITY,
+        }
+    }
+
     /// Checks whether an object whose nearer side is at `nearest` along the jaws (m) lies beside
     /// the hand, beyond the back of the finger on this side. The cube never lies there.
     fn is_behind(&self, nearest: f64) -> bool {

@@ -125,17 +125,8 @@ impl Plant {
     /// Checks whether the gripper of arm `i` would touch the cube where it is now if its grasp had
     /// ended.
     fn touches_when_open(&self, i: usize) -> bool {
-        let cell = &self.config.cell;
-        let hands = Hands {
-            gripper: &cell.arms[i].gripper,
-            jaws: &self.config.jaws,
-            size: Vector3::repeat(cell.cube.edge),
-            anywhere: false,
-            opening: self.jaws[i].opening(),
-            stops: self.stops[i],
-            hold: 1.0,
-            layer: Frame::IDENTITY,
-        };
+        let (opening, stops) = (self.jaws[i].opening(), self.stops[i]);
+        let hands = Hands::at_cube(&self.config.cell, i, &self.config.jaws, opening, stops);
         self.grasps[i].ended().touch(&self.tool(i), &self.layer_at(i), &hands).any()
     }
 

@@ -527,15 +527,11 @@ impl Plant {
         let layers: [Frame; 2] =
             std::array::from_fn(|i| if near(i) { self.layer_ahead(i) } else { Frame::IDENTITY });
         let hands: [Option<Hands>; 2] = std::array::from_fn(|i| {
+            let (opening, stops) = (self.jaws[i].opening(), self.stops[i]);
             near(i).then(|| Hands {
-                gripper: &self.config.cell.arms[i].gripper,
-                jaws: &pads[i],
-                size: Vector3::repeat(edge),
-                anywhere: false,
-                opening: self.jaws[i].opening(),
-                stops: self.stops[i],
                 hold: self.faults.acting.friction[i],
                 layer: layers[i],
+                ..Hands::at_cube(&self.config.cell, i, &pads[i], opening, stops)
             })
         });
         let weight = Vector3::new(0.0, 0.0, -GRAVITY * self.config.cell.cube.mass);

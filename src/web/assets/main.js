@@ -13,8 +13,9 @@ import { keep, kept } from "./settings.js";
 import * as panels from "./panels.js";
 
 const $ = (id) => document.getElementById(id);
-/** Text and CSS class of each state of the run. */
+/** Text and CSS class of the states of a replay that differ from those of a run. */
 const REPLAYED = { running: ["replay", "main"], paused: ["replay, paused", "warn"] };
+/** Text and CSS class of each state of the run. */
 const STATES = {
   waiting: ["waiting for start", "warn"], running: ["running", "main"], paused: ["paused", "warn"],
   terminated: ["ending", "warn"], ended: ["ended", ""],
@@ -178,7 +179,6 @@ function show() {
   $("pause").hidden = $("resume").hidden = control === "ended";
   // A replay has no motion to stop, and can be closed at any time.
   $("terminate").hidden = control === "ended" || replay;
-  document.querySelector(".stop").hidden = replay;
   $("quit").hidden = control !== "ended" && !replay;
   $("quit").disabled = !own;
   $("quit").textContent = replay ? "Close replay" : "Close program";
@@ -187,8 +187,8 @@ function show() {
     $(id).hidden = !shown;
     $(id).disabled = !own;
   }
-  // After a run there is nothing to stop.
-  if (after) document.querySelector(".stop").hidden = true;
+  // Neither a replay nor the time after a run has anything to stop.
+  document.querySelector(".stop").hidden = replay || !!after;
   $("speed-label").hidden = !s.services.speed;
   $("speed").disabled = !own;
   if (document.activeElement !== $("speed")) {
