@@ -527,11 +527,13 @@ impl Plant {
         let layers: [Frame; 2] =
             std::array::from_fn(|i| if near(i) { self.layer_ahead(i) } else { Frame::IDENTITY });
         let hands: [Option<Hands>; 2] = std::array::from_fn(|i| {
-            let (opening, stops) = (self.jaws[i].opening(), self.stops[i]);
-            near(i).then(|| Hands {
-                hold: self.faults.acting.friction[i],
-                layer: layers[i],
-                ..Hands::at_cube(&self.config.cell, i, &pads[i], opening, stops)
+            near(i).then(|| {
+                let (opening, stops) = (self.jaws[i].opening(), self.stops[i]);
+                Hands {
+                    hold: self.faults.acting.friction[i],
+                    layer: layers[i],
+                    ..Hands::at_cube(&self.config.cell, i, &pads[i], opening, stops)
+                }
             })
         });
         let weight = Vector3::new(0.0, 0.0, -GRAVITY * self.config.cell.cube.mass);
