@@ -14,10 +14,9 @@ use std::borrow::Cow;
 use std::fmt;
 
 /// An error as one actor reports it to another.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Error {
     /// A failure after which the actor that asked may continue.
-    #[error("non-fatal, {actor}, {place}: {cause}")]
     NonFatal {
         /// Name of the actor whose shell detected it.
         actor: String,
@@ -27,7 +26,6 @@ pub enum Error {
         cause: NonFatal,
     },
     /// A malfunction of an effector, which must not move.
-    #[error("fatal, {actor}, {place}{when}: {cause}", when = when(last.as_deref()))]
     Fatal {
         /// Name of the actor whose shell detected it.
         actor: String,
@@ -39,7 +37,6 @@ pub enum Error {
         last: Option<Box<ArmState>>,
     },
     /// Damage of the system of actors.
-    #[error("system, {actor}, {place}: {cause}")]
     System {
         /// Name of the actor whose shell detected it.
         actor: String,
@@ -61,6 +58,30 @@ impl Error {
         }
     }
 
+    /// Returns the cause in words for the operator, without the parts of the program.
+    #[must_use]
+    pub fn cause(&self) -> String {
+        match self {
+            Self::NonFatal { cause, .. } => cause.to_string(),
+            Self::Fatal { cause, .. } => cause.to_string(),
+            Self::System { cause, .. } => cause.to_string(),
+        }
+    }
+
+    /// Returns class, actor and place of the error, with the servo period if the error is about an
+    /// effector: `fatal, edp track, execute, period 701`.
+    #[must_use]
+    pub fn detected_by(&self) -> String {
+        match self {
+            Self::NonFatal { actor, place, .. } => format!("non-fatal, {actor}, {place}"),
+            Self::Fatal { actor, place, last, .. } => {
+                let when = last.as_ref().map(|state| format!(", period {}", state.period));
+                format!("fatal, {actor}, {place}{}", when.unwrap_or_default())
+            }
+            Self::System { actor, place, .. } => format!("system, {actor}, {place}"),
+        }
+    }
+
     /// Returns the code of the error's cause.
     #[must_use]
     pub fn code(&self) -> FaultCode {
@@ -69,6 +90,15 @@ impl Error {
             Self::Fatal { cause, .. } => cause.code(),
             Self::System { cause, .. } => cause.code(),
         }
+    }
+}
+
+impl std::error::Error for Error {}
+
+impl fmt::Display for Error {
+    /// Writes the cause, then in parentheses where it was detected.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({})", self.cause(), self.detected_by())
     }
 }
 
@@ -166,12 +196,6 @@ fn arm_code(fault: &ArmFault) -> FaultCode {
         ArmFault::EncoderFrozen { .. } => FaultCode::EncoderFrozen,
         ArmFault::EncoderJump { .. } => FaultCode::EncoderJump,
     }
-}
-
-/// Returns the words `, period N` with the servo period of an arm's last state, for the text of an
-/// error; empty without a state.
-fn when(last: Option<&ArmState>) -> String {
-    last.map_or_else(String::new, |state| format!(", period {}", state.period))
 }
 
 /// Returns the text of a panic, as `catch_unwind` and the join of a thread return it.

@@ -655,7 +655,7 @@ mod tests {
         drop(end);
 
         let error = edp.state().await.unwrap_err().to_string();
-        assert_eq!(error, "system, edp track, state: no answer from the servo in 0.5 s");
+        assert_eq!(error, "no answer from the servo in 0.5 s (system, edp track, state)");
     }
 
     /// Gives an order to the EDP of an arm whose joint 1 moves at 0.015 rad/s until the period

@@ -240,7 +240,7 @@ mod tests {
         assert_eq!((warning.is_some(), ends.is_some()), (stopped.is_some(), stopped.is_some()));
         let (number, warning, ends) = (stopped?, warning?, ends?);
         // The error of the run is the cause of the stop, not the stop itself.
-        let near = ends.strip_prefix("fatal, guard, watch: ").unwrap();
+        let near = ends.strip_suffix(" (fatal, guard, watch)").unwrap();
         assert!(warning.contains(near), "{ends} {warning}");
         Some((number, near.to_owned(), warning))
     }

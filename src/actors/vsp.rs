@@ -680,7 +680,7 @@ mod tests {
             camera.track(true);
             let raised = tokio::time::timeout(Duration::from_secs(10), watchdog.raised());
             let text = raised.await.unwrap().to_string();
-            let expected = "system, vsp mpc, localise: the image worker panicked: on purpose";
+            let expected = "the image worker panicked: on purpose (system, vsp mpc, localise)";
             assert_eq!(text, expected);
         }
     }
@@ -691,7 +691,7 @@ mod tests {
             let (camera, watchdog) = broken(pace);
             let view = View { camera_from_face: Pose::identity(), exposure: 1.0 };
             let told = camera.look(view).await.unwrap_err();
-            let expected = "system, vsp mpc, look: the image worker panicked: on purpose";
+            let expected = "the image worker panicked: on purpose (system, vsp mpc, look)";
             assert_eq!(told.to_string(), expected);
             assert_eq!(watchdog.raised().await, told);
         }

@@ -371,7 +371,7 @@ mod tests {
 
         let error = raised(&mut listens).await.to_string();
 
-        assert_eq!(error, "system, supervisor, supervise: edp b panicked: on purpose 1");
+        assert_eq!(error, "edp b panicked: on purpose 1 (system, supervisor, supervise)");
     }
 
     /// An actor that stays at one work item is silent. One that waits is not, nor is one that
@@ -400,7 +400,7 @@ mod tests {
         let begun = tokio::time::Instant::now();
         let error = watchdog.raised().await.to_string();
         assert!(begun.elapsed() <= Duration::from_millis(90), "{:?}", begun.elapsed());
-        assert_eq!(error, "system, supervisor, watch: no answer from vsp c in 0.1 s");
+        assert_eq!(error, "no answer from vsp c in 0.1 s (system, supervisor, watch)");
     }
 
     #[test]
@@ -432,7 +432,7 @@ mod tests {
         // The first sample is up to 10 ms after the beginning.
         let lasted = begun.elapsed().as_millis();
         assert!((280..2500).contains(&lasted), "{lasted} ms");
-        assert_eq!(error, "system, supervisor, watch: no answer from mp in 0.3 s");
+        assert_eq!(error, "no answer from mp in 0.3 s (system, supervisor, watch)");
     }
 
     /// Under virtual time the actor that asked for the work counts as waiting, so the heartbeats of
@@ -450,7 +450,7 @@ mod tests {
             reports.recv_timeout(Duration::from_secs(30)).unwrap().to_string()
         });
 
-        let silent = "system, supervisor, watch: no answer from the image worker in 0.3 s";
+        let silent = "no answer from the image worker in 0.3 s (system, supervisor, watch)";
         assert_eq!(error, silent);
         let lasted = begun.elapsed().as_millis();
         assert!((280..2500).contains(&lasted), "{lasted} ms");

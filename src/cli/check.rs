@@ -9,14 +9,19 @@ pub(super) fn run(args: &ScenarioArgs, output: &mut Output) -> anyhow::Result<u8
     let controller = &scenario.controller;
     let names: Vec<&str> = controller.cell.arms.iter().map(|a| a.name.as_str()).collect();
     output.line(&format!(
-        "{}: valid: task {}, coordination {}, effectors {}, {} cameras, {} sensors, seed {}",
+        "{}: valid: task {}, coordination {}, effectors {}, {}, {}, seed {}",
         args.scenario.display(),
         controller.task.word(),
         controller.coordination.word(),
         names.join(" and "),
-        controller.cell.cameras.len(),
-        controller.vsps.len(),
+        counted(controller.cell.cameras.len(), "camera"),
+        counted(controller.vsps.len(), "sensor"),
         scenario.seed,
     ))?;
     Ok(0)
+}
+
+/// Returns a number of things in words.
+fn counted(number: usize, thing: &str) -> String {
+    format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }

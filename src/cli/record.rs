@@ -53,21 +53,26 @@ pub(super) fn begin_feed(
     Recorder::begin_feed(feed, about(scenario, overrides, begun))
 }
 
-/// Returns the keeper of the last second of a run, whose file will be in the user's folder of
-/// states: `rubik-robot` in `XDG_STATE_HOME`, else in `~/.local/state`. `None` if there is neither.
-pub(super) fn last_second(
-    scenario: &Scenario,
-    overrides: &[Override],
-    begun: Begun,
-) -> Option<LastSecond> {
+/// Returns the user's folder of states: `rubik-robot` in `XDG_STATE_HOME`, else in
+/// `~/.local/state`. `None` if there is neither.
+pub(super) fn states_folder() -> Option<PathBuf> {
     let set = |name: &str| {
         let path = std::env::var_os(name).map(PathBuf::from);
         // The XDG base directory specification ignores relative paths.
         path.filter(|path| path.is_absolute())
     };
-    let states =
-        set("XDG_STATE_HOME").or_else(|| set("HOME").map(|home| home.join(".local/state")))?;
-    Some(LastSecond::new(states.join("rubik-robot"), about(scenario, overrides, begun)))
+    let states = set("XDG_STATE_HOME").or_else(|| Some(set("HOME")?.join(".local/state")))?;
+    Some(states.join("rubik-robot"))
+}
+
+/// Returns the keeper of the last second of a run, whose file will be in the user's folder of
+/// states. `None` if there is no such folder.
+pub(super) fn last_second(
+    scenario: &Scenario,
+    overrides: &[Override],
+    begun: Begun,
+) -> Option<LastSecond> {
+    Some(LastSecond::new(states_folder()?, about(scenario, overrides, begun)))
 }
 
 /// Returns the description with which a recording of this scenario begins, without facts about the

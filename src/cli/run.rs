@@ -5,13 +5,14 @@
 //! - exit code: that of the summary
 
 mod after;
+mod kept;
 
 use super::arguments::{ScenarioArgs, check_devices};
 use super::output::{Output, clash, complain, inform, refuse};
 use super::record;
 use super::ros::RosArgs;
 use super::ticker;
-use super::ui::{Ui, UiArgs};
+use super::ui::{Ui, UiArgs, UiKind};
 use crate::actors::control::is_speed;
 use crate::desk::Desk;
 use crate::error::{Error, NonFatal};
@@ -31,8 +32,10 @@ use crate::tui;
 use after::{AfterRun, Next};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
+use kept::KeptRun;
 use rustix::process::{Signal, set_parent_process_death_signal};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Exit code of a run in which an actor blocks all others: that of a system error.
 const STUCK: i32 = 4;
@@ -66,9 +69,9 @@ Keys of the object of --json (null: not known, as figures of the plant on hardwa
   heat_share, motor_speed_rad_s, near_person_mm_s, arms_apart_mm), jams, slips, drops,
   drops_noticed, late_drops, pops, crushed, collisions, violations (let_fall, restarts,
   moved_after_stop), accidents (time_s, what), returned, turned_deg, force_limit_n, clearance_mm,
-  hash, servo_hash, plant_hash; if there is one: fault, remedy, untrue, last_second, uncalibrated,
-  links (node, time_s, sent_bytes, received_bytes: to nodes on other hosts), figures (those of the
-  task, by name)
+  hash, servo_hash, plant_hash; if there is one: paused_s, fault, detected_by, remedy, untrue,
+  last_second, uncalibrated, links (node, time_s, sent_bytes, received_bytes: to nodes on other
+  hosts), figures (those of the task, by name)
 docs/operating.md explains the rows of the summary, which the keys follow.
 Exit codes: 0 done, 1 the task failed or was aborted, 2 wrong usage or scenario, 3 an effector
 failed, 4 system error, 130 interrupted by a signal.")]
@@ -97,7 +100,8 @@ pub(super) struct RunArgs {
     #[arg(long, verbatim_doc_comment)]
     require_rt: bool,
     /// Record the run to FILE (MCAP), for replay, report and ROS 2 tools
-    #[arg(long, value_name = "FILE")]
+    /// [default: with a page run.mcap in the run's folder of states, otherwise none]
+    #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     record: Option<PathBuf>,
     #[command(flatten)]
     keep: KeepArgs,
@@ -130,11 +134,28 @@ struct KeepArgs {
     journal: Option<PathBuf>,
     /// Save the state of the plant to FILE, as a real cell keeps its state;
     /// FILE.lock keeps other runs from using FILE, and is not removed
+    /// [default: with a page and task solve world.json in the run's folder of
+    /// states, otherwise none]
     #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     world: Option<PathBuf>,
     /// Continue the interrupted run of --world and --journal; task solve only
     #[arg(long)]
     resume: bool,
+}
+
+impl KeepArgs {
+    /// Names the files that no option names, for a task that can be resumed. A run that resumes
+    /// another one has named its own. Hardware has no saved plant: the cell keeps its state.
+    fn complete(&mut self, kept: &KeptRun, scenario: &Scenario) {
+        if self.resume || !scenario.controller.task.properties.resumes {
+            return;
+        }
+        if scenario.bridge.kind.is_hardware() {
+            self.journal = self.journal.take().or_else(|| Some(kept.journal()));
+        } else {
+            self.world = self.world.take().or_else(|| Some(kept.world()));
+        }
+    }
 }
 
 /// Clock of a run, as a word of the command line.
@@ -153,28 +174,27 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     if args.with_parent {
         set_parent_process_death_signal(Some(Signal::TERM)).context("--with-parent")?;
     }
-    let (scenario, keep) = args.prepare()?;
+    let kind = args.ui.kind(args.json);
+    // A program that reads the summary names the files that it wants.
+    let keeps = kind == UiKind::Web && !args.json;
+    let mut run = args.prepare(keeps)?;
 
     let desk = Desk::default();
-    let kind = args.ui.kind(args.json);
     // From here on a refusal is printed after the UI is closed, on the terminal as it was before.
     let mut ui = args.ui.open(kind, desk.ui_end()).map_err(|error| refuse(format!("{error:#}")))?;
-    let mut ended = one(args, (&scenario, keep.clone()), &mut ui, &desk, output)?;
+    let mut ended = one(&run, &mut ui, &desk, output)?;
     // The page stays for the operator, unless Ctrl-C has ended the run.
     if args.json || ended.interrupted || !ui.has_page() {
         return Ok(ended.code);
     }
     ui.tell_place();
-    let mut last = AfterRun { scenario, files: keep, record: args.record.clone() };
-    let (mut options, mut runs) = (args.clone(), 1);
-    while let Some(next) = last.next(&ui, &desk)? {
-        // Each run has a recording of its own.
-        let record = args.record.as_ref().map(|path| numbered(path, runs + 1));
-        let mut wanted = options.next(next, record);
-        // Real arms move only after a start of their operator, also when he has chosen another run.
-        wanted.wait |= last.scenario.bridge.kind.is_hardware();
-        let (scenario, keep) = match wanted.prepare() {
-            Ok(prepared) => prepared,
+    let mut runs = 1;
+    loop {
+        let record = run.args.record.as_deref();
+        let over = AfterRun { scenario: &run.scenario, files: &run.files, record };
+        let Some(next) = over.next(&ui, &desk)? else { return Ok(ended.code) };
+        run = match run.next(args, next, runs + 1, keeps) {
+            Ok(next) => next,
             Err(why) => {
                 after::refused(&desk, &why);
                 continue;
@@ -182,14 +202,47 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         };
         runs += 1;
         desk.prepare_next_run();
-        ended = one(&wanted, (&scenario, keep.clone()), &mut ui, &desk, output)?;
+        ended = one(&run, &mut ui, &desk, output)?;
         if ended.interrupted {
-            break;
+            return Ok(ended.code);
         }
-        last = AfterRun { scenario, files: keep, record: wanted.record.clone() };
-        options = wanted;
     }
-    Ok(ended.code)
+}
+
+/// A run that nothing known before its begin speaks against.
+struct PreparedRun {
+    /// Its options, with the names of all files that it writes.
+    args: RunArgs,
+    scenario: Scenario,
+    /// Files that outlive the run.
+    files: SavedFiles,
+    /// Folder of the files that no option of the user names.
+    kept: Option<Arc<KeptRun>>,
+}
+
+impl PreparedRun {
+    /// Prepares the next run, which is number `number` of the program. `args` are the options of
+    /// the user; `keeps` says whether the run keeps files that no option names.
+    fn next(&self, args: &RunArgs, next: Next, number: u32, keeps: bool) -> anyhow::Result<Self> {
+        let resumes = next == Next::GoOn;
+        let mut wanted = if resumes { self.args.clone() } else { args.clone() };
+        // Each run has a recording of its own, also in the folder of a run that goes on.
+        let kept = self.kept.as_ref().filter(|_| resumes).map(|kept| kept.recording());
+        wanted.record = args.record.clone().or(kept).map(|path| numbered(&path, number));
+        wanted.keep.resume = resumes;
+        if let Next::Again(seed) = next {
+            wanted.seed = Some(seed.to_string());
+        }
+        // Real arms move only after a start of their operator, also when he has chosen another run.
+        wanted.wait |= self.scenario.bridge.kind.is_hardware();
+        let mut run = wanted.prepare(keeps && !resumes)?;
+        if resumes {
+            // The run has the files of the one before.
+            run.kept = self.kept.clone();
+            run.files.durable = self.files.durable;
+        }
+        Ok(run)
+    }
 }
 
 /// End of one run.
@@ -200,14 +253,9 @@ struct Ended {
     interrupted: bool,
 }
 
-/// Runs a scenario with these files that outlive the run, and prints its summary.
-fn one(
-    args: &RunArgs,
-    (scenario, keep): (&Scenario, SavedFiles),
-    ui: &mut Ui,
-    desk: &Desk,
-    output: &mut Output,
-) -> anyhow::Result<Ended> {
+/// Performs a run and prints its summary.
+fn one(run: &PreparedRun, ui: &mut Ui, desk: &Desk, output: &mut Output) -> anyhow::Result<Ended> {
+    let PreparedRun { args, scenario, files, .. } = run;
     let has_ui = !matches!(ui, Ui::None);
     // A replay needs all overrides: those of --set and those of the options.
     let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(args.overrides()).collect();
@@ -226,7 +274,7 @@ fn one(
         watched: !has_ui,
         recorder: recorder.clone(),
         last_second: last_second.flatten(),
-        saved: keep,
+        saved: files.clone(),
         ..RunContext::default()
     };
     let ticker = ticks.then(|| ticker::start(desk.ui_end()));
@@ -256,30 +304,31 @@ fn one(
 }
 
 impl RunArgs {
+    /// Reads the scenario, and checks everything that can be refused before a run begins. A run
+    /// that `keeps` files gets names for those that no option names.
+    fn prepare(&self, keeps: bool) -> anyhow::Result<PreparedRun> {
+        let run = self.prepare_as_given()?;
+        let Some(kept) = keeps.then(KeptRun::begin).flatten() else { return Ok(run) };
+        let mut args = run.args;
+        args.record = args.record.or_else(|| Some(kept.recording()));
+        args.keep.complete(&kept, &run.scenario);
+        let mut prepared = args.prepare_as_given()?;
+        // Only a file that the user named is worth the wait for the disk at each state.
+        prepared.files.durable = run.files.world.is_some();
+        Ok(PreparedRun { kept: Some(Arc::new(kept)), ..prepared })
+    }
+
     /// Reads the scenario, and checks everything that can be refused before a run begins.
-    fn prepare(&self) -> anyhow::Result<(Scenario, SavedFiles)> {
+    fn prepare_as_given(&self) -> anyhow::Result<PreparedRun> {
         let mut scenario = self.scenario.load(&self.overrides()).map_err(refuse)?;
         self.ros.set(&mut scenario.controller.ros)?;
         self.check(&scenario)?;
-        let keep = saved_files(&self.keep, scenario.bridge.kind, scenario.controller.task)
+        let files = saved_files(&self.keep, scenario.bridge.kind, scenario.controller.task)
             .map_err(refuse)?;
-        check_outputs(self, &keep)?;
-        check_journal(&keep, scenario.bridge.kind)?;
+        check_outputs(self, &files)?;
+        check_journal(&files, scenario.bridge.kind)?;
         check_devices(&scenario)?;
-        Ok((scenario, keep))
-    }
-
-    /// Returns the options of the next run, which is recorded to `record`.
-    fn next(&self, next: Next, record: Option<PathBuf>) -> Self {
-        let mut args = Self { record, ..self.clone() };
-        match next {
-            Next::Again(seed) => {
-                args.seed = Some(seed.to_string());
-                args.keep.resume = false;
-            }
-            Next::GoOn => args.keep.resume = true,
-        }
-        args
+        Ok(PreparedRun { args: self.clone(), scenario, files, kept: None })
     }
 
     /// Returns the overrides of the options that set a key.
@@ -430,7 +479,7 @@ fn saved_files(
     if args.resume && !task.properties.resumes {
         return Err("--resume: a run of this task cannot be resumed");
     }
-    Ok(SavedFiles { world: args.world.clone(), journal, resume: args.resume })
+    Ok(SavedFiles { world: args.world.clone(), journal, resume: args.resume, durable: true })
 }
 
 /// Checks that each file that the run writes is neither its scenario nor another of its files. The

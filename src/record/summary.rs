@@ -123,6 +123,9 @@ pub struct Summary {
     /// Code of the error that ended the run; `None` if no error did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fault: Option<FaultCode>,
+    /// Class, actor and place of that error. Summaries of older builds have them in the reason.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub detected_by: Option<String>,
     /// Instruction for the operator after that error, as a sentence; `None` if there is none.
     /// Summaries of older builds have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -157,8 +160,11 @@ pub struct Summary {
     /// Number of times that the cube was read and planned again after a failure.
     #[serde(default)]
     pub recoveries: u32,
-    /// Simulated time of the run (s).
+    /// Simulated time of the run (s), with its pauses.
     pub sim_time_s: f64,
+    /// Time of the run for which the operator paused it (s). Summaries of older builds have none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub paused_s: f64,
     /// Wall-clock time of the run (s), without the wait for the start and without delays on
     /// purpose: a limit of the speed, pauses, questions and moves by hand.
     pub wall_time_s: f64,
@@ -281,6 +287,7 @@ impl Summary {
             reason: reason.to_owned(),
             ended_by,
             fault: None,
+            detected_by: None,
             remedy: None,
             untrue: false,
             last_second: None,
@@ -297,6 +304,7 @@ impl Summary {
             recoveries: 0,
             // A campaign leaves these zero times out of its statistics.
             sim_time_s: 0.0,
+            paused_s: 0.0,
             wall_time_s: 0.0,
             peak_force_n: none.map(f64::from),
             peak_torque_nm: none.map(f64::from),
@@ -388,7 +396,9 @@ impl Summary {
         let mut t = String::new();
         self.add_phases(&mut t);
         t.push('\n');
-        self.add_figures(&mut t);
+        for (name, words) in self.figure_rows() {
+            row(&mut t, &name, &words);
+        }
         t.push('\n');
         if self.concerns_cube() {
             row(&mut t, "cube at start", self.cube_start.as_deref().unwrap_or(UNKNOWN));
@@ -414,6 +424,9 @@ impl Summary {
         if let Some(fault) = self.fault {
             row(&mut t, "fault code", &fault.to_string());
         }
+        if let Some(detected_by) = &self.detected_by {
+            row(&mut t, "detected by", detected_by);
+        }
         if let Some(remedy) = &self.remedy {
             row(&mut t, "what to do", remedy);
         }
@@ -431,54 +444,80 @@ impl Summary {
             let factor = factor(phase.sim_time_s, phase.wall_time_s);
             row(t, &phase.name, &format!("{:8.1} s {factor:9.1} x", phase.sim_time_s));
         }
-        row(t, "whole run", &format!("{:8.1} s", self.sim_time_s));
+        row(t, "whole run", &format!("{:>10}", self.whole_run()));
         if let Some(seconds) = self.expected_s {
             row(t, "the plan expected", &format!("{seconds:8.1} s of the phase \"solve\""));
         }
     }
 
-    /// Adds to the table the figures of mission and plant. Rows that most runs do not need appear
-    /// only if there is something to report.
-    fn add_figures(&self, t: &mut String) {
+    /// Returns the time of the run in words, with that of its pauses.
+    pub(crate) fn whole_run(&self) -> String {
+        let whole = format!("{:.1} s", self.sim_time_s);
+        if self.paused_s == 0.0 {
+            return whole;
+        }
+        format!("{whole}, {:.1} s of them paused", self.paused_s)
+    }
+
+    /// Returns the figures of mission and plant in words, each with its name. Rows that most runs
+    /// do not need are there only if they have something to tell.
+    pub(crate) fn figure_rows(&self) -> Vec<(String, String)> {
+        let mut rows = self.effort_rows();
+        let mut row = |name: &str, words: String| rows.push((name.to_owned(), words));
+        row("jams, slips, drops", counts([self.jams, self.slips, self.drops]));
+        // A fall that only one of plant and controller counts must be visible.
+        if self.drops.unwrap_or(0) > 0 || self.drops_noticed.unwrap_or(0) > 0 {
+            row("drops detected", self.drops_noticed.unwrap_or(0).to_string());
+        }
+        row("pops, crushes, bumps", counts([self.pops, self.crushed, self.collisions]));
+        for Accident { time_s, what } in self.accidents.iter().flatten() {
+            row("", format!("{time_s:8.1} s: {what}"));
+        }
+        if let Some(angle) = self.turned_deg {
+            row("layer turned by", format!("{angle:.1} deg"));
+        }
+        for (name, figure) in &self.figures {
+            row(&name.replace('_', " "), figure_text(figure));
+        }
+        let clock = format!("{:.1} ({:.1} s)", self.real_time_factor(), self.wall_time_s);
+        row("real-time factor", clock);
+        rows
+    }
+
+    /// Returns the counts of the work, the peaks of force, the cameras without calibration and the
+    /// links, each with its name.
+    fn effort_rows(&self) -> Vec<(String, String)> {
         let peak = |force: Option<f64>, torque: Option<f64>| {
             known(force.zip(torque), |(force, torque)| format!("{force:.1} N, {torque:.2} Nm"))
         };
+        let mut rows = Vec::new();
+        let mut row = |name: &str, words: String| rows.push((name.to_owned(), words));
         if self.concerns_cube() {
-            row(t, "turns", &self.turns.to_string());
-            row(t, "grasps", &self.grasps.to_string());
-            row(t, "recoveries", &self.recoveries.to_string());
-            row(t, "peak while both hold", &peak(self.peak_force_n, self.peak_torque_nm));
+            row("turns", self.turns.to_string());
+            row("grasps", self.grasps.to_string());
+            row("recoveries", self.recoveries.to_string());
+            row("peak while both hold", peak(self.peak_force_n, self.peak_torque_nm));
         }
         for sensor in &self.sensors {
             let felt = format!("{:.1} N, {:.2} Nm", sensor.felt_force_n, sensor.felt_torque_nm);
             let exerted = peak(sensor.force_n, sensor.torque_nm);
             let words = format!("{exerted}; its sensor measured {felt}");
-            row(t, &format!("peak at {}", sensor.effector), &words);
+            row(&format!("peak at {}", sensor.effector), words);
         }
         for camera in &self.uncalibrated {
-            row(t, "not calibrated", camera);
+            row("not calibrated", camera.clone());
         }
         for link in &self.links {
-            row(t, &format!("link to node {}", link.node), &link.to_string());
+            row(&format!("link to node {}", link.node), link.to_string());
         }
-        row(t, "jams, slips, drops", &counts([self.jams, self.slips, self.drops]));
-        // A fall that only one of plant and controller counts must be visible.
-        if self.drops.unwrap_or(0) > 0 || self.drops_noticed.unwrap_or(0) > 0 {
-            row(t, "drops detected", &self.drops_noticed.unwrap_or(0).to_string());
-        }
-        row(t, "pops, crushes, bumps", &counts([self.pops, self.crushed, self.collisions]));
-        for Accident { time_s, what } in self.accidents.iter().flatten() {
-            row(t, "", &format!("{time_s:8.1} s: {what}"));
-        }
-        if let Some(angle) = self.turned_deg {
-            row(t, "layer turned by", &format!("{angle:.1} deg"));
-        }
-        for (name, figure) in &self.figures {
-            row(t, &name.replace('_', " "), &figure_text(figure));
-        }
-        let clock = format!("{:.1} ({:.1} s)", self.real_time_factor(), self.wall_time_s);
-        row(t, "real-time factor", &clock);
+        rows
     }
+}
+
+/// Returns whether a time is zero, so that JSON leaves it out.
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(time: &f64) -> bool {
+    *time == 0.0
 }
 
 /// Returns the ratio of simulated time to wall-clock time; 0 if no wall-clock time has passed.
@@ -532,6 +571,7 @@ mod tests {
             reason: "the cube in the plant is solved".into(),
             ended_by: EndedBy::Task,
             fault: None,
+            detected_by: None,
             remedy: None,
             untrue: false,
             last_second: None,
@@ -547,6 +587,7 @@ mod tests {
             grasps: 4,
             recoveries: 1,
             sim_time_s: 100.0,
+            paused_s: 0.0,
             wall_time_s: 2.0,
             peak_force_n: Some(f64::NAN),
             peak_torque_nm: Some(0.5),

@@ -6,6 +6,7 @@
 
 use super::disturbance::InjectedFaults;
 use super::failure::not_created;
+use super::felt::Felt;
 use super::gate::Gate;
 use super::nodes::Nodes;
 use super::operator::OperatorChannels;
@@ -63,6 +64,8 @@ pub(super) struct Composition<'a> {
     pub(super) playback: Option<Playback>,
     /// Keeper of the last second.
     pub(super) last_second: Option<LastSecond>,
+    /// Largest forces that the wrists measure.
+    pub(super) felt: Felt,
     /// Flags of the faults that are injected outside the plant.
     pub(super) faults: InjectedFaults,
     /// Probe of the plant, for a judge of the run.
@@ -225,10 +228,20 @@ impl Composition<'_> {
         let truth = beginning.truth(end, jams.count(), performed.kernel.account().documents);
         let hash = self.operator.trace.hash();
         let (hash, servo_hash) = (hash.hash(), hash.servo_hash());
-        let (uncalibrated, links) = (self.uncalibrated, staff.nodes.links());
+        let (uncalibrated, links, felt) = (self.uncalibrated, staff.nodes.links(), self.felt);
         let judgement = truth.as_ref().map(|truth| judged(&judge, scenario, truth));
         let judgement = judgement.transpose()?.flatten();
-        Ok(Done { judgement, performed, truth, by_hand, hash, servo_hash, uncalibrated, links })
+        Ok(Done {
+            judgement,
+            performed,
+            truth,
+            by_hand,
+            hash,
+            servo_hash,
+            uncalibrated,
+            links,
+            felt,
+        })
     }
 
     /// Waits until all other nodes on the wall clock have joined the run.
@@ -314,6 +327,7 @@ impl Composition<'_> {
             trace,
             playback,
             last_second: self.last_second.clone(),
+            felt: self.felt.clone(),
             between,
         };
         Ok((start_servos(&drive, world, parts)?, jams))

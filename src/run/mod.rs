@@ -18,6 +18,7 @@ mod disturbance;
 mod documents;
 pub(crate) mod emulate;
 mod failure;
+mod felt;
 mod gate;
 mod interrupt;
 pub(crate) mod meeting_cache;
@@ -27,6 +28,7 @@ mod operator;
 mod options;
 mod orders;
 mod outcome;
+mod pauses;
 mod peers;
 mod plan;
 mod plant_hash;
@@ -54,6 +56,7 @@ use crate::actors::trace::Trace;
 use crate::desk::RunEnd;
 use crate::error::Error;
 use crate::hw::driver;
+use crate::hw::scene::{MOST_OBJECTS, SceneObject};
 use crate::motion::PERIOD;
 use crate::record::calibration;
 use crate::record::last_second::LastSecond;
@@ -65,6 +68,7 @@ use bridge_log::BridgeLog;
 use composition::Composition;
 use disturbance::InjectedFaults;
 use failure::not_created;
+use felt::Felt;
 use interrupt::Interrupt;
 use operator::OperatorChannels;
 use outcome::{BY_OPERATOR, Done};
@@ -204,7 +208,8 @@ fn carried_out(
     let plan = Plan::of(scenario)?;
     // Files are claimed before the plant exists: the state of another run, finished or still
     // running, must not be overwritten.
-    let claim = |path: &PathBuf| Kept::claim(path, scenario.pace, operator.trace.clone());
+    let synced = saved.durable && scenario.pace == Pace::Virtual;
+    let claim = |path: &PathBuf| Kept::claim(path, synced, operator.trace.clone());
     let kept = saved.world.as_ref().map(claim).transpose()?;
     let logbook = open_logbook(scenario, &saved)?;
     // Some injected faults act on handles that exist already: the desk's button and the files.
@@ -243,6 +248,7 @@ fn carried_out(
         operator,
         playback,
         last_second,
+        felt: Felt::default(),
         faults,
         probe,
         uncalibrated,
@@ -252,6 +258,12 @@ fn carried_out(
     drop(bridge_log);
     shut_down(runtime);
     done
+}
+
+/// Returns the rigid objects of the simulated cell before a run; none if there is no such cell.
+pub(crate) fn objects_before(scenario: &Scenario) -> [Option<SceneObject>; MOST_OBJECTS] {
+    let plant = simulation::create(scenario, None, None);
+    plant.map_or([None; MOST_OBJECTS], |plant| plant.scene().objects)
 }
 
 /// Returns the scenario with its cameras calibrated, if it asks for this, and the cameras that

@@ -6,6 +6,7 @@
 
 use super::bridge_log::BridgeLog;
 use super::failure::not_created;
+use super::felt::Felt;
 use super::interrupt::{Interrupt, SWITCHES_OFF};
 use super::peers::identity;
 use super::recording;
@@ -292,6 +293,7 @@ impl Parts<'_> {
             trace: trace.clone(),
             playback: None,
             last_second: None,
+            felt: Felt::default(),
             between: BetweenPeriods { observer, probe: None, gate: None, pacer: None },
         };
         start_servos(&drive, world, parts)

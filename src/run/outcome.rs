@@ -14,6 +14,7 @@
 //!
 //! The judge of the task says what the plant confirms. A task without a judge is believed.
 
+use super::felt::Felt;
 use super::task::Performed;
 use crate::actors::mp::Ending;
 use crate::error::{Error, NonFatal};
@@ -51,6 +52,8 @@ pub(super) struct Done {
     pub(super) uncalibrated: Vec<String>,
     /// Use of the links to other nodes.
     pub(super) links: Vec<LinkUse>,
+    /// Largest forces that the wrists of this node's arms measured.
+    pub(super) felt: Felt,
 }
 
 /// Returns the summary of a run that `error` ended before its task began.
@@ -77,10 +80,11 @@ fn without_account(scenario: &Scenario, error: &Error, cube: Option<&str>) -> Su
         Error::Fatal { .. } => EndedBy::Fatal,
         Error::System { .. } => EndedBy::System,
     };
-    let (task, reason) = (scenario.controller.task.word(), error.to_string());
+    let (task, reason) = (scenario.controller.task.word(), error.cause());
     let summary = Summary::not_started(task, scenario.seed, cube, &reason, ended_by);
     let remedy = run_remedy(error).map(str::to_owned);
-    Summary { fault: Some(error.code()), remedy, ..summary }
+    let detected_by = Some(error.detected_by());
+    Summary { fault: Some(error.code()), detected_by, remedy, ..summary }
 }
 
 /// Returns the summary of a run; `period` is the length of a servo period (s).
@@ -105,6 +109,7 @@ pub(super) fn summary(
         reason,
         ended_by,
         fault: ending.error.as_ref().map(Error::code),
+        detected_by: ending.error.as_ref().map(Error::detected_by),
         remedy: ending.error.as_ref().and_then(run_remedy).map(str::to_owned),
         untrue: outcome == Outcome::Failed && ending.finish.as_ref().is_some_and(|f| f.achieved),
         last_second: None,
@@ -121,10 +126,11 @@ pub(super) fn summary(
         recoveries: account.count("recoveries"),
         // The end of MP's work: the withdrawal of the hand afterwards does not count.
         sim_time_s: ending.end,
+        paused_s: done.performed.paused,
         wall_time_s,
         peak_force_n: verdict.map(|v| v.peak_force),
         peak_torque_nm: verdict.map(|v| v.peak_torque),
-        sensors: sensor_peaks(config, ending, verdict),
+        sensors: sensor_peaks(config, ending, &done.felt, verdict),
         exertion: verdict.map(|v| exertion(&v.exertion)),
         jams: truth.map(|t| t.jams),
         slips: counts.map(|c| c.slips),
@@ -193,18 +199,20 @@ fn phases(ending: &Ending, ended: Instant) -> Vec<Phase> {
 fn sensor_peaks(
     config: &ControllerConfig,
     ending: &Ending,
+    felt: &Felt,
     verdict: Option<&Verdict>,
 ) -> Vec<SensorPeak> {
     let arms = config.cell.arms.iter().take(2).enumerate();
     arms.map(|(i, arm)| {
-        // Without the VSP that aggregates the forces none was felt.
-        let felt = ending.forces.arms.get(i).copied().unwrap_or_default();
+        // The records have each period of this node's arms; the VSP knows those of other nodes.
+        let (force, torque) = felt.peak(i);
+        let looked = ending.forces.arms.get(i).copied().unwrap_or_default();
         SensorPeak {
             effector: arm.name.clone(),
             force_n: verdict.map(|v| v.arm_peak_force[i]),
             torque_nm: verdict.map(|v| v.arm_peak_torque[i]),
-            felt_force_n: felt.peak_force,
-            felt_torque_nm: felt.peak_torque,
+            felt_force_n: force.max(looked.peak_force),
+            felt_torque_nm: torque.max(looked.peak_torque),
         }
     })
     .collect()
@@ -283,7 +291,7 @@ fn verdict_of(done: &Done) -> (Outcome, String, EndedBy) {
     if let Some(error) = &ending.error {
         let ended_by =
             if matches!(error, Error::System { .. }) { EndedBy::System } else { EndedBy::Fatal };
-        return (Outcome::Aborted, format!("{error}{}", place_clause(whereabouts)), ended_by);
+        return (Outcome::Aborted, error.cause() + &place_clause(whereabouts), ended_by);
     }
     if ending.finish.is_none() && done.by_hand {
         let reason = "the arms were moved by hand until the operator ended the run".to_owned();
@@ -327,22 +335,14 @@ pub(super) fn outcome(summary: &Summary) -> OutcomeView {
         (Outcome::Failed, _) => "failed",
         (Outcome::Aborted, _) => "aborted",
     };
-    let mut figures = vec![
-        ("simulated time".to_owned(), format!("{:.1} s", summary.sim_time_s)),
-        ("times real time".to_owned(), format!("{:.1}", summary.real_time_factor())),
-        ("turns".to_owned(), summary.turns.to_string()),
-        ("grasps".to_owned(), summary.grasps.to_string()),
-        ("recoveries".to_owned(), summary.recoveries.to_string()),
-        ("executed".to_owned(), summary.executed.clone()),
-    ];
-    for sensor in &summary.sensors {
-        figures.push((
-            format!("{}, measured peak", sensor.effector),
-            format!("{:.1} N, {:.2} Nm", sensor.felt_force_n, sensor.felt_torque_nm),
-        ));
-    }
+    let mut figures = vec![("simulated time".to_owned(), summary.whole_run())];
+    figures.extend(summary.figure_rows());
+    figures.push(("executed".to_owned(), summary.executed.clone()));
     if let Some(fault) = summary.fault {
         figures.push(("fault code".to_owned(), fault.to_string()));
+    }
+    if let Some(detected_by) = &summary.detected_by {
+        figures.push(("detected by".to_owned(), detected_by.clone()));
     }
     figures.push(("hash".to_owned(), summary.hash.clone()));
     figures.push(("servo hash".to_owned(), summary.servo_hash.clone()));
@@ -360,9 +360,9 @@ pub(super) fn broken_off(error: &Error) -> OutcomeView {
     OutcomeView {
         verdict: "aborted".to_owned(),
         good: false,
-        reason: error.to_string(),
+        reason: error.cause(),
         time: None,
-        figures: Vec::new(),
+        figures: vec![("detected by".to_owned(), error.detected_by())],
     }
 }
 

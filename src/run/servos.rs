@@ -4,6 +4,7 @@
 //! - out: a link to each servo, the switches of all of them, and the world again after the run
 
 use super::failure::not_created;
+use super::felt::Felt;
 use super::gate::Gate;
 use super::options::PlantProbe;
 use super::simulation::PlantEventLog;
@@ -217,6 +218,8 @@ pub(super) struct Parts {
     pub(super) playback: Option<Playback>,
     /// Keeper of the last second.
     pub(super) last_second: Option<LastSecond>,
+    /// Largest forces that the wrists measure.
+    pub(super) felt: Felt,
     /// Work between two periods.
     pub(super) between: BetweenPeriods,
 }
@@ -267,11 +270,12 @@ pub(super) fn start_servos(
         trace,
         playback,
         last_second,
+        felt,
         between,
     } = parts;
     let (recorder, latest) = (trace.recorder(), trace.latest().cloned());
     let seen = Seen { to: trace.hash().clone(), latest: latest.clone() };
-    let seen = recording::with(Box::new(seen), last_second);
+    let seen = recording::with(recording::with(Box::new(seen), last_second), Some(felt));
     let new_core = |sink, world: &mut World| {
         Core::new(configs, ends, Arc::clone(&switches), sink, world)
             .map(|core| core.of_effectors(&effectors))

@@ -6,6 +6,7 @@
 use super::disturbance::InjectedFaults;
 use super::failure::not_created;
 use super::options::SavedFiles;
+use super::pauses::Pauses;
 use super::staff::Staff;
 use crate::actors::mp::{self, Coordination, Ending, Mp, Turning};
 use crate::actors::notice::Notice;
@@ -69,6 +70,8 @@ pub(super) struct Performed {
     /// Time at which MP's work ended, by
     /// [`Tempo::working_time`](crate::actors::control::Tempo::working_time).
     pub(super) ended: Instant,
+    /// Time for which the operator paused the task (s).
+    pub(super) paused: f64,
 }
 
 /// Performs the task with all effectors. A panic of MP is part of the result, not an error of this
@@ -111,8 +114,10 @@ pub(super) async fn run_task(
         apart: apart.clone(),
         services: services.under(Some(&faults.mp)),
     });
+    let pauses = Pauses::watch(services.control.clone());
     let ending = perform(mp, kernel.as_mut(), services).await;
-    Ok(Performed { ending, kernel, ended: services.tempo.working_time() })
+    let (paused, ended) = (pauses.seconds(), services.tempo.working_time());
+    Ok(Performed { ending, kernel, ended, paused })
 }
 
 /// Lets MP perform a task and returns its ending, even after a panic.

@@ -20,7 +20,6 @@ use crate::hw::plant::Plant;
 use crate::hw::plant::saved::{Saved, Unfit};
 use crate::hw::storage::Storage;
 use crate::motion::PERIOD;
-use crate::scenario::keys::Pace;
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -33,7 +32,8 @@ use std::path::{Path, PathBuf};
 /// - Under virtual time each state is synced to the disk before it takes the file's name. A mission
 ///   with 6600 states took 12.9 s, and 11.9 s without syncs. The name of the first state is durable
 ///   before the run begins, the name of each later one when the next state is written. So a power
-///   cut may lose the last two tenths of a second of simulated time.
+///   cut may lose the last two tenths of a second of simulated time. On a slow disk the syncs take
+///   longer than the mission, so a state that no option asked for is not synced.
 /// - Under the wall clock nothing is synced: the servo's thread cannot wait for a disk, which may
 ///   take several periods. A power cut may lose the seconds that the system has not written yet,
 ///   and leave an old state, or a truncated one that is refused.
@@ -42,7 +42,8 @@ const KEPT_EVERY: u64 = 50;
 /// File in which a plant keeps its state.
 pub(super) struct Kept {
     path: PathBuf,
-    pace: Pace,
+    /// Whether each state is synced to the disk.
+    synced: bool,
     /// Trace to which the loss of the file is reported.
     trace: Trace,
     /// Whether a write has failed. No further one is tried then.
@@ -55,10 +56,11 @@ pub(super) struct Kept {
 
 impl Kept {
     /// Locks a file of the plant's state for this run alone, whether the file exists yet or not.
+    /// `synced` says whether each state is synced to the disk.
     ///
     /// # Errors
     /// If it is not a regular file, or another run has claimed it.
-    pub(super) fn claim(path: &Path, pace: Pace, trace: Trace) -> Result<Self, Error> {
+    pub(super) fn claim(path: &Path, synced: bool, trace: Trace) -> Result<Self, Error> {
         let path = &new_file::resolve(path).map_err(|why| refused(path, &why.into()))?;
         let beside = new_file::beside(path, ".lock");
         let check_kind = |file: &Path| {
@@ -77,7 +79,7 @@ impl Kept {
             return Err(refused(path, &Unfit::Taken));
         }
         let storage = Storage::default();
-        Ok(Self { path: path.to_owned(), pace, trace, lost: false, storage, _lock: lock })
+        Ok(Self { path: path.to_owned(), synced, trace, lost: false, storage, _lock: lock })
     }
 
     /// Returns `plant` as it is, or if `resume` in the state that the interrupted run left in the
@@ -148,7 +150,7 @@ impl Kept {
         if self.lost || !period.is_multiple_of(KEPT_EVERY) {
             return;
         }
-        if let Err(why) = self.write(plant, self.pace == Pace::Virtual) {
+        if let Err(why) = self.write(plant, self.synced) {
             // Once: a full disk would fail again a tenth of a second later.
             self.lost = true;
             let place = self.path.display();
@@ -200,7 +202,7 @@ mod tests {
         let scenario = crate::tasks::read(Path::new("kept.toml"), text, &[]).unwrap();
         let plant = super::super::simulation::create(&scenario, None, None).unwrap();
         let (trace, mut notices) = Trace::bare(RunHash::default());
-        let mut kept = Kept::claim(&path, Pace::Virtual, trace).unwrap();
+        let mut kept = Kept::claim(&path, true, trace).unwrap();
         // The name of the first state is made durable after the state exists.
         let lost = kept.begin_in(&plant, |path| {
             assert!(path.exists());

@@ -190,7 +190,7 @@ section! {
 section! {
     /// Light in the cell.
     pub Light {
-        /// Colour temperature; drawn from 2700..7500 K by the seed if not given.
+        /// Colour temperature; drawn from 3200..6500 K by the seed if not given.
         temperature [k]: Option<f64> = None, 1500.0..=12000.0;
         /// Brightness; 1 gives a good exposure.
         level: f64 = 1.0, 0.05..=4.0;

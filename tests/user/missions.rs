@@ -375,10 +375,12 @@ fn commanded(words: impl FnOnce(&mut dyn FnMut(&str))) -> (Option<i32>, String) 
     (child.wait().unwrap().code(), printed)
 }
 
-/// Returns the simulated time of the whole run in a table of a summary (s).
-fn whole_run(table: &str) -> f64 {
+/// Returns the simulated time of the whole run in a table of a summary, and that of its pauses (s).
+fn whole_run(table: &str) -> (f64, f64) {
     let row = table.lines().find_map(|line| line.strip_prefix("whole run")).unwrap();
-    row.trim().trim_end_matches(" s").parse().unwrap()
+    let seconds = |text: &str| text.trim().split(" s").next().unwrap().parse().unwrap();
+    let (whole, paused) = row.split_once(", ").unwrap_or((row, "0 s"));
+    (seconds(whole), seconds(paused))
 }
 
 /// In a pause the simulated time follows the wall clock, so a pause of 8 s makes the run longer.
@@ -397,8 +399,10 @@ fn paused_hand_over_resumes_and_succeeds() {
 
     assert_eq!(code, Some(0), "{printed}");
     assert!(printed.contains("DONE"), "{printed}");
-    let longer = whole_run(&printed) - whole_run(&alone);
+    let ((whole, paused), (whole_alone, none)) = (whole_run(&printed), whole_run(&alone));
+    let longer = whole - whole_alone;
     assert!((1.0..12.0).contains(&longer), "{longer} s longer: {printed}");
+    assert!((7.5..12.0).contains(&paused) && none == 0.0, "{paused} s of pauses: {printed}");
 }
 
 /// Both hand cameras go dark before the inspection. If they recover, the second inspection

@@ -17,13 +17,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// A run that is over.
-pub(super) struct AfterRun {
+pub(super) struct AfterRun<'a> {
     /// Scenario of the run.
-    pub(super) scenario: Scenario,
+    pub(super) scenario: &'a Scenario,
     /// Files that outlive the run.
-    pub(super) files: SavedFiles,
+    pub(super) files: &'a SavedFiles,
     /// Recording of the run.
-    pub(super) record: Option<PathBuf>,
+    pub(super) record: Option<&'a Path>,
 }
 
 /// The next run that the operator wants.
@@ -35,7 +35,7 @@ pub(super) enum Next {
     GoOn,
 }
 
-impl AfterRun {
+impl AfterRun<'_> {
     /// Waits for the operator's choice. Returns the next run; `None` to leave the program. Replays
     /// and reports until then. A choice that is not possible is told on the page.
     ///
@@ -76,7 +76,7 @@ impl AfterRun {
 
     /// Returns the recording of the last run.
     fn recording(&self) -> anyhow::Result<&Path> {
-        let path = self.record.as_deref().filter(|path| path.is_file());
+        let path = self.record.filter(|path| path.is_file());
         path.ok_or_else(|| anyhow::anyhow!("the run has no recording: give --record FILE"))
     }
 

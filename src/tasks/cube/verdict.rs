@@ -91,7 +91,9 @@ fn turn_verdict(angle: f64, turned_deg: f64, truth: &Truth) -> (bool, String) {
     let force = if gentle { "" } else { ", with excessive force" };
     // A slip is mentioned, but the angle decides.
     let slip = if truth.verdict.counts.slips > 0 { ", and a grip slipped" } else { "" };
-    (right, format!("the layer was turned by {turned_deg:.1} deg of {asked:.0}{force}{slip}"))
+    let jam = if truth.jams > 0 { ", and it jammed" } else { "" };
+    let words = format!("the layer was turned by {turned_deg:.1} deg of {asked:.0}");
+    (right, format!("{words}{force}{slip}{jam}"))
 }
 
 /// Returns in words whether the cube is in the state that the task requires (`solved`), and where

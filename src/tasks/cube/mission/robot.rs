@@ -250,7 +250,7 @@ impl Robot {
                 face,
                 cube_from_tool,
             }),
-            net: self.shown.net.clone(),
+            net: self.shown.net_in_place(),
             plan: Arc::clone(&self.shown.plan),
             step: self.shown.step.and_then(|step| step.checked_sub(1)),
             facts: BTreeMap::new(),

@@ -4,9 +4,7 @@
 //! that it outlives a procedure that is terminated.
 
 use super::entry::Entry;
-#[cfg(test)]
-use crate::cube::Face;
-use crate::cube::{Facelets, Turn, facelet_at, facelet_place, format_turns};
+use crate::cube::{Face, Facelets, Rotation24, Turn, facelet_at, facelet_place, format_turns};
 use crate::kernel::Picture;
 use crate::motion::ArmState;
 use crate::operator::{Net, PlanLine, Reading};
@@ -102,9 +100,8 @@ impl Shown {
         self.net = Net { facelets: vec![None; 54], decided: true };
         for (index, (colour, confidence)) in colours.iter().zip(answer.margins).enumerate() {
             // The answer's colours are in the frame of acquisition, the plan in the named one.
-            let place = facelet_place(index);
-            let to = facelet_at(rotation.cell(place.cell()), rotation.face(place.face));
-            self.net.facelets[to] = Some(Reading { colour: *colour, confidence });
+            self.net.facelets[moved(index, rotation)] =
+                Some(Reading { colour: *colour, confidence });
         }
         self.facelets = answer.identified.parse().ok();
         let line = |line: &Line| PlanLine {
@@ -116,10 +113,42 @@ impl Shown {
         self.step = Some(0);
     }
 
+    /// Returns the net in the frame in which the whole cube will be named. Faces that were read
+    /// before the decision stay at their places when it comes: the colours of their centres say
+    /// where these are. While only one face is known, it may still turn in its place.
+    pub(super) fn net_in_place(&self) -> Net {
+        let centre = |face: Face| self.net.facelets.get(face.index() * 9 + 4).copied().flatten();
+        let known: Vec<(Face, usize)> = Face::ALL
+            .into_iter()
+            .filter_map(|face| Some((face, usize::from(centre(face)?.colour))))
+            .collect();
+        if self.net.decided || known.is_empty() {
+            return self.net.clone();
+        }
+        let fits = |rotation: Rotation24| {
+            known.iter().filter(|(face, colour)| rotation.face(*face).index() == *colour).count()
+        };
+        // The first of equals, so that the choice does not change from picture to picture.
+        let best = Rotation24::all().fold(Rotation24::IDENTITY, |best, rotation| {
+            if fits(rotation) > fits(best) { rotation } else { best }
+        });
+        let mut facelets = vec![None; self.net.facelets.len()];
+        for (index, reading) in self.net.facelets.iter().enumerate() {
+            facelets[moved(index, best)] = *reading;
+        }
+        Net { facelets, decided: false }
+    }
+
     /// Counts a step of the plan that begins.
     pub(super) fn begin_step(&mut self) {
         self.step = self.step.map(|step| step + 1);
     }
+}
+
+/// Returns the index to which a rotation of the whole cube moves a facelet.
+fn moved(index: usize, rotation: Rotation24) -> usize {
+    let place = facelet_place(index);
+    facelet_at(rotation.cell(place.cell()), rotation.face(place.face))
 }
 
 /// Kind of an action: it gives a word for messages, and decides whether there is a journal entry.
@@ -176,6 +205,38 @@ impl Doing {
             | Self::Approaching
             | Self::Securing
             | Self::GivingWay => false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cube::Cube;
+
+    /// A cube is read in each orientation, one face after the other. Once two faces beside each
+    /// other are known, each sticker is shown where the decision will show it.
+    #[test]
+    fn faces_read_stay_at_their_places() {
+        let named = Facelets::from(&Cube::scrambled(7));
+
+        for rotation in Rotation24::all() {
+            let read = named.rotated(rotation);
+            let mut shown = Shown::default();
+            shown.net.facelets = vec![None; 54];
+            for (face, colours) in read.colours().chunks(9).enumerate() {
+                for (i, colour) in colours.iter().enumerate() {
+                    let reading = Reading { colour: *colour, confidence: 1.0 };
+                    shown.net.facelets[face * 9 + i] = Some(reading);
+                }
+                let net = shown.net_in_place();
+                let right = |(seen, wanted): (&Option<Reading>, &u8)| {
+                    seen.is_none_or(|seen| seen.colour == *wanted)
+                };
+                let places = net.facelets.iter().zip(named.colours());
+                assert_eq!(net.facelets.iter().flatten().count(), (face + 1) * 9);
+                assert!(face == 0 || places.clone().all(right), "{rotation:?}, {face}: {net:?}");
+            }
         }
     }
 }
