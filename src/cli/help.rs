@@ -15,7 +15,18 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Hardware", &["emulate", "node", "kinematics"]),
     (
         "Files",
-        &["replay", "report", "film", "recover", "merge", "urdf", "schema", "completions", "man"],
+        &[
+            "replay",
+            "report",
+            "export",
+            "film",
+            "recover",
+            "merge",
+            "urdf",
+            "schema",
+            "completions",
+            "man",
+        ],
     ),
 ];
 

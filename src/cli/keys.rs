@@ -4,30 +4,65 @@ use super::catalogue;
 use super::output::{Output, refuse};
 use crate::scenario::fault::nearest;
 use crate::scenario::section::Key;
+use std::fmt::Write as _;
 
-/// Lists the keys whose name contains `word`; returns the exit code.
-pub(super) fn run(word: Option<&str>, output: &mut Output) -> anyhow::Result<u8> {
+/// Beginning of the chapter of the book.
+const HEAD: &str = "\
+# Keys
+
+After this chapter you can find what a scenario can set: each key with its default, its meaning, its
+type and its range. A name ends with the unit, if there is one. [Scenarios](scenarios.md) explains
+how a scenario is written. `rubik-robot keys --markdown > docs/keys.md` writes this page.
+";
+
+/// Lists the keys whose name contains `word`, as lines for a terminal or as a chapter of the book;
+/// returns the exit code.
+pub(super) fn run(word: Option<&str>, markdown: bool, output: &mut Output) -> anyhow::Result<u8> {
     let keys = catalogue::all_keys();
-    let mut found = false;
-    for key in keys.iter().filter(|k| word.is_none_or(|w| k.path.contains(w))) {
-        found = true;
-        // A range without an upper end only says that the number is not negative.
-        let range = key
-            .range
-            .as_ref()
-            .filter(|r| r.end().is_finite())
-            .map_or_else(String::new, |range| format!(", {}..{}", range.start(), range.end()));
-        output.line(&format!("{} = {}", key.path, key.default))?;
-        output.line(&format!("    {} ({}{range})", key.meaning, key.kind))?;
-    }
-    if !found {
+    let chosen: Vec<&Key> =
+        keys.iter().filter(|key| word.is_none_or(|word| key.path.contains(word))).collect();
+    if chosen.is_empty() {
         let word = word.unwrap_or_default();
         return Err(refuse(format!(
             "no key contains `{word}`: {}`rubik-robot keys` lists all keys",
             meant(word, &keys)
         )));
     }
+    if markdown {
+        output.text(&chapter(&chosen))?;
+        return Ok(0);
+    }
+    for key in chosen {
+        output.line(&format!("{} = {}", key.path, key.default))?;
+        output.line(&format!("    {} ({})", key.meaning, kind(key)))?;
+    }
     Ok(0)
+}
+
+/// Returns type and range of a key in words.
+fn kind(key: &Key) -> String {
+    // A range without an upper end only says that the number is not negative.
+    let range = key.range.as_ref().filter(|range| range.end().is_finite());
+    let range = range.map(|range| format!(", {}..{}", range.start(), range.end()));
+    format!("{}{}", key.kind, range.unwrap_or_default())
+}
+
+/// Returns the chapter of the book that lists `keys`, with a heading for each section.
+fn chapter(keys: &[&Key]) -> String {
+    let mut text = HEAD.to_owned();
+    let mut section = None;
+    for key in keys {
+        let (of, _) = key.path.split_once('.').unwrap_or(("", ""));
+        if section != Some(of) {
+            section = Some(of);
+            // Writing to a string cannot fail.
+            let _ = write!(text, "\n## {}\n\n", if of.is_empty() { "Of the run" } else { of });
+        }
+        // Markdown takes a text in angle brackets for an element of HTML.
+        let meaning = key.meaning.replace('<', "&lt;");
+        let _ = writeln!(text, "- `{} = {}`: {meaning} ({})", key.path, key.default, kind(key));
+    }
+    text
 }
 
 /// Returns the question whether a similar part of a key's name was meant; empty if there is none.
@@ -39,6 +74,17 @@ fn meant(word: &str, keys: &[Key]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn chapter_of_book_lists_the_keys() {
+        let keys = catalogue::all_keys();
+        let all: Vec<&Key> = keys.iter().collect();
+
+        let written = include_str!("../../docs/keys.md");
+
+        // After another key: `rubik-robot keys --markdown > docs/keys.md`.
+        assert!(chapter(&all) == written, "docs/keys.md is not that of this build");
+    }
 
     #[test]
     fn misspelled_key_gets_the_nearest_name() {

@@ -18,6 +18,7 @@ mod doctor;
 mod emulate;
 mod engine;
 pub mod evaluate;
+mod export;
 mod faces;
 mod film;
 mod fit;
@@ -145,6 +146,9 @@ Exit codes: 0 listed, 2 no key has the word in its name.")]
     Keys {
         /// Part of a key's name, in lower case [default: all keys]
         word: Option<String>,
+        /// Print a chapter in Markdown
+        #[arg(long)]
+        markdown: bool,
     },
     /// List the parameters that the operator may change while a run of a scenario goes on
     #[command(after_help = "\
@@ -271,6 +275,8 @@ Exit codes: 0 done, 1 the action failed for a table, 2 wrong usage.")]
     Replay(replay::ReplayArgs),
     /// Write a report of a recorded run as an HTML page
     Report(report::ReportArgs),
+    /// Print the servo ticks or the events of a recording as CSV
+    Export(export::ExportArgs),
     /// Make an animated GIF of a recorded mission
     Film(film::FilmArgs),
     /// Repair a recording that was cut off or damaged
@@ -337,7 +343,7 @@ pub fn main(catalogue: Catalogue) -> ExitCode {
         Command::Node(args) => node::run(&args, &mut output),
         Command::Weigh(args) => weigh::run(&args, &mut output),
         Command::Check(args) => check::run(&args, &mut output),
-        Command::Keys { word } => keys::run(word.as_deref(), &mut output),
+        Command::Keys { word, markdown } => keys::run(word.as_deref(), markdown, &mut output),
         Command::Parameters(args) => parameters::run(&args, &mut output),
         Command::Kinematics(args) => kinematics::run(&args, &mut output),
         Command::Solve(args) => solve::run(&args, &mut output),
@@ -350,6 +356,7 @@ pub fn main(catalogue: Catalogue) -> ExitCode {
         Command::Picture(args) => picture::picture(&args, &mut output),
         Command::Replay(args) => replay::run(&args, &mut output),
         Command::Report(args) => report::run(&args),
+        Command::Export(args) => export::run(&args, &mut output),
         Command::Film(args) => film::run(&args, &mut output),
         Command::Recover(args) => recover::run(&args),
         Command::Merge(args) => merge_nodes::run(&args),

@@ -5,14 +5,18 @@
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, clash, refuse, save};
+use crate::cell::Mount;
 use crate::cube::{Axis, Face, Facelets, Keeper};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
 use crate::hw::scene::{MOST_OBJECTS, Scene, SceneArm, SceneCube};
 use crate::operator::{ArmJoints, ArmView, Snapshot, joints_of};
+use crate::run::objects_before;
 use crate::scenario::ControllerConfig;
-use crate::spatial::Twist;
+use crate::spatial::{Pose, Twist};
 use clap::Args;
 use image::ImageFormat;
+use nalgebra::{Point3, Vector3};
+use serde_json::json;
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
@@ -20,9 +24,12 @@ use std::path::PathBuf;
 Examples:
   rubik-robot picture scenarios/solve.toml  # cell.png: the cell from outside
   rubik-robot picture scenarios/solve.toml --camera standalone --out view.png
+  rubik-robot picture scenarios/solve.toml --frames | tail -n +2 > frames.jsonl
 
 The picture shows the cell before a run: the arms at their start, and the cube in its place. The
 view of a camera has the size of the camera's pictures. The line on stdout has name and size (px).
+With --frames a line of JSON follows for each frame: name, and places in the picture (px: column,
+row) of its origin and of the ends of its axes x, y, z, which are 150 mm long.
 Exit codes: 0 drawn, 2 wrong usage or scenario, or the file cannot be written.")]
 pub(super) struct PictureArgs {
     #[command(flatten)]
@@ -33,6 +40,9 @@ pub(super) struct PictureArgs {
     /// Name of a camera: draw its view instead of the cell from outside
     #[arg(long)]
     camera: Option<String>,
+    /// Print the places of all frames in the view from outside
+    #[arg(long, conflicts_with = "camera")]
+    frames: bool,
     /// Width of the view from outside (px, 16 to 4096)
     #[arg(long, default_value_t = 1280, value_parser = clap::value_parser!(u32).range(16..=4096))]
     width: u32,
@@ -54,7 +64,8 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
     let scenario = args.scenario.load(&[]).map_err(refuse)?;
     let cell = &scenario.controller.cell;
     let cube = scenario.plant.cube_state.unwrap_or_else(Facelets::solved);
-    let scene = before(&scenario.controller, &cube);
+    let objects = objects_before(&scenario);
+    let scene = Scene { objects, ..before(&scenario.controller, &cube) };
     let image = match &args.camera {
         None => outside(&scene, &scenario.controller, (args.width, args.height)),
         Some(name) => {
@@ -75,7 +86,38 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
     image.write_to(&mut file, format)?;
     save(&args.out, file.get_ref()).map_err(|error| refuse(format!("{error:#}")))?;
     output.line(&format!("{}: {} x {}", args.out.display(), image.width(), image.height()))?;
+    if args.frames {
+        let size = (args.width, args.height);
+        for (name, pose) in frames(&scene, &scenario.controller) {
+            let ends = [Vector3::zeros(), Vector3::x(), Vector3::y(), Vector3::z()];
+            let points = ends.map(|axis| pose * Point3::from(axis * AXIS));
+            let places = overview::places_in_cell(&scene, &Setting::of(cell), size, &points);
+            let axes = &places[1..];
+            output.line(&json!({"name": name, "origin": places[0], "axes": axes}).to_string())?;
+        }
+    }
     Ok(0)
+}
+
+/// Length of an axis of `--frames` (m).
+const AXIS: f64 = 0.15;
+
+/// Returns the frames of a scene, each with its name and its pose in the world.
+fn frames(scene: &Scene, controller: &ControllerConfig) -> Vec<(String, Pose)> {
+    let cell = &controller.cell;
+    let mut frames = vec![("world".to_owned(), Pose::identity())];
+    for (arm, now) in cell.arms.iter().zip(&scene.arms) {
+        frames.push((format!("base of {}", arm.name), arm.world_from_base));
+        frames.push((format!("flange of {}", arm.name), now.world_from_flange));
+        frames.push((format!("tool of {}", arm.name), now.world_from_tool));
+    }
+    for camera in &cell.cameras {
+        if let Mount::World { world_from_camera } = camera.mount {
+            frames.push((format!("camera {}", camera.name), world_from_camera));
+        }
+    }
+    frames.push(("cube".to_owned(), scene.cube.world_from_cube));
+    frames
 }
 
 /// Draws the cell from outside, in a picture of this width and height (px).
@@ -166,6 +208,43 @@ fn before(controller: &ControllerConfig, cube: &Facelets) -> Scene {
 mod tests {
     use super::*;
     use crate::operator::{CubeView, LayerTurn, arm_frames};
+
+    /// The cube's frame is at the cube: its pixel has one of the cube's colours, and a cube
+    /// elsewhere leaves the pixel to the background.
+    #[test]
+    fn frame_of_cube_is_where_it_is_drawn() {
+        let scenario = crate::tasks::read(std::path::Path::new("t.toml"), "", &[]).unwrap();
+        let controller = &scenario.controller;
+        let scene = before(controller, &Facelets::solved());
+        let size = (480, 300);
+        let (name, pose) = frames(&scene, controller).pop().unwrap();
+        let centre = Point3::from(pose.translation.vector);
+        let setting = Setting::of(&controller.cell);
+
+        let places = overview::places_in_cell(&scene, &setting, size, &[centre]);
+
+        let mut away = scene;
+        away.cube.world_from_cube.translation.vector.z -= 0.1;
+        let (column, row) = places[0];
+        let at =
+            |scene: &Scene| *outside(scene, controller, size).get_pixel(column as u32, row as u32);
+        assert!(at(&scene) != at(&away), "{name} at {column:.0}, {row:.0}");
+    }
+
+    #[test]
+    fn picture_shows_objects_of_the_scenario() {
+        let read = |text: &str| crate::tasks::read(std::path::Path::new("t.toml"), text, &[]);
+        let text = "[[object]]\nname = \"box\"\nsize_mm = [60, 40, 40]\nmass_kg = 0.2\n\
+                    xyz_mm = [900, 500, 720]\n";
+        let scenario = read(text).unwrap();
+        let cube = Facelets::solved();
+        let without = before(&scenario.controller, &cube);
+
+        let with = Scene { objects: objects_before(&scenario), ..without };
+
+        let draw = |scene: &Scene| outside(scene, &scenario.controller, (96, 72));
+        assert!(draw(&with) != draw(&without), "the box is drawn");
+    }
 
     #[test]
     fn scene_shows_arms_and_cube_of_snapshot() {

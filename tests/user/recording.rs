@@ -642,6 +642,39 @@ fn unwritable_output_path_exits_with_2() {
     }
 }
 
+/// The table has a row for each arm and time, with the force that the summary calls the largest.
+#[test]
+fn export_prints_ticks_and_events() {
+    let (path, summary) = recorded("export.mcap", "scenarios/face_turn.toml", &[]);
+    let path = path.to_str().unwrap();
+    let table = |more: &[&str]| -> Vec<Vec<String>> {
+        let out = perform(&[&["export", path], more].concat());
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+        let text = String::from_utf8(out.stdout).unwrap();
+        text.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect()
+    };
+
+    let ticks = table(&[]);
+    let column = |name: &str| ticks[0].iter().position(|head| head == name).unwrap();
+    let [arm, x] = ["arm", "force_x_n"].map(column);
+    let force = |row: &Vec<String>| {
+        let of = |i: usize| row[x + i].parse::<f64>().unwrap();
+        (of(0).powi(2) + of(1).powi(2) + of(2).powi(2)).sqrt()
+    };
+    let largest =
+        ticks[1..].iter().filter(|row| row[arm] == "track").map(force).fold(0.0, f64::max);
+    let felt = summary["sensors"][0]["felt_force_n"].as_f64().unwrap();
+    assert!((largest - felt).abs() < 0.01, "{largest} N of {felt} N");
+    let part = table(&["--every", "100", "--from", "1", "--to", "2"]);
+    // Two arms, eleven times each.
+    assert_eq!(part.len(), 1 + 2 * 11, "{part:?}");
+
+    let events = table(&["--table", "events"]);
+    assert!(events.iter().any(|row| row[1..] == ["phase", "end"]), "{events:?}");
+    let refused = perform(&["export", path, "--from", "2", "--to", "1"]);
+    assert_eq!(refused.status.code(), Some(2));
+}
+
 #[test]
 fn verify_refuses_a_resumed_run() {
     // There is no state to resume from, so the mission begins at its start, but its recording is

@@ -186,6 +186,25 @@ pub fn cell(scene: &Scene, setting: &Setting, width: u32, height: u32) -> RgbIma
     })
 }
 
+/// Returns the places in the picture of [`cell`] (px: column, row) at which points of the world
+/// appear, also those that something hides.
+#[must_use]
+pub fn places_in_cell(
+    scene: &Scene,
+    setting: &Setting,
+    (width, height): (u32, u32),
+    points: &[Point3<f64>],
+) -> Vec<(f64, f64)> {
+    let (width, height) = (f64::from(width), f64::from(height));
+    let view = View::of_cell(scene, setting, width / height);
+    let place = |point: &Point3<f64>| {
+        let seen = view.world_from_eye.inverse() * point;
+        let along = |value: f64| value / seen.z * view.focal * height;
+        (width / 2.0 + along(seen.x), height / 2.0 + along(seen.y))
+    };
+    points.iter().map(place).collect()
+}
+
 /// Returns a picture of a scene from a view. The light's noise depends on the pixel alone, so parts
 /// that do not change are equal to the bit in two pictures from one view.
 #[must_use]
