@@ -51,6 +51,7 @@ const ASSETS: &[(&str, &str, &str)] = &[
     ("/timeline.js", JAVASCRIPT, include_str!("assets/timeline.js")),
     ("/net.js", JAVASCRIPT, include_str!("assets/net.js")),
     ("/panels.js", JAVASCRIPT, include_str!("assets/panels.js")),
+    ("/questions.js", JAVASCRIPT, include_str!("assets/questions.js")),
     ("/manual.js", JAVASCRIPT, include_str!("assets/manual.js")),
     ("/parameters.js", JAVASCRIPT, include_str!("assets/parameters.js")),
     ("/icon.svg", "image/svg+xml", include_str!("assets/icon.svg")),

@@ -36,17 +36,18 @@ setTimeout(() => {
 const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 const command = promisify(execFile);
 
-/** Run with a page and a recording. */
+/** Run with a page, which records the run to a folder of states. */
 class Run {
   static number = 0;
 
   constructor(...args) {
-    this.recording = `${pictures}/run${Run.number++}.mcap`;
+    this.states = `${pictures}/states${Run.number++}`;
+    rmSync(this.states, { recursive: true, force: true });
     const listen = args.includes("--listen") ? [] : ["--listen", "127.0.0.1:0"];
     // Another command than a run comes as one list of words.
     const [other] = args.filter(Array.isArray);
-    const all = other ? [...other, "--ui", "web", ...listen] : ["run", ...args, "--ui", "web", ...listen, "--record", this.recording];
-    this.process = spawn(binary, all, { stdio: ["ignore", "pipe", "pipe"] });
+    const all = other ? [...other, "--ui", "web", ...listen] : ["run", ...args, "--ui", "web", ...listen];
+    this.process = spawn(binary, all, { stdio: ["ignore", "pipe", "pipe"], env: { ...process.env, XDG_STATE_HOME: this.states } });
     alive.add(this.process);
     this.process.on("exit", () => alive.delete(this.process));
     this.told = "";
@@ -65,6 +66,14 @@ class Run {
     throw new Error(`no page: ${this.told}`);
   }
 
+  /** Returns the recordings of all runs of the program, in the order of their ends. */
+  recordings() {
+    const states = `${this.states}/rubik-robot`;
+    return readdirSync(states).filter((name) => name.startsWith("run-"))
+      .flatMap((folder) => readdirSync(`${states}/${folder}`).filter((name) => name.endsWith(".mcap")).map((name) => `${states}/${folder}/${name}`))
+      .sort((a, b) => statSync(a).mtimeMs - statSync(b).mtimeMs);
+  }
+
   /** Adds words that the recording must contain at the end. */
   records(...words) {
     this.wanted.push(...words);
@@ -79,13 +88,14 @@ class Run {
     }
     check(this.process.exitCode === code, `the program ends with exit code ${code} (${this.process.exitCode})`);
     check(summary.test(this.summary), `the summary matches ${summary}`);
-    const shown = await command(binary, ["replay", this.recording, "--ui", "none"], { maxBuffer: 1 << 26 });
+    const [recording] = this.recordings();
+    const shown = await command(binary, ["replay", recording, "--ui", "none"], { maxBuffer: 1 << 26 });
     for (const words of this.wanted) check(shown.stderr.includes(words), `the recording contains "${words}"`);
-    const verified = await command(binary, ["replay", this.recording, "--verify", "--json"]).catch((error) => error);
+    const verified = await command(binary, ["replay", recording, "--verify", "--json"]).catch((error) => error);
     const { same, compared } = JSON.parse(verified.stdout || "{}");
     check(same === true && compared > 100, `the recording verifies to the bit (${compared} servo ticks)`);
     if (same !== true) console.log(verified.stdout, verified.stderr);
-    else if (!process.env.KEEP) rmSync(this.recording);
+    else if (!process.env.KEEP) rmSync(this.states, { recursive: true });
   }
 }
 
@@ -378,10 +388,20 @@ async function mission() {
   const end = await snapshot(page);
   check(end.arms.every((arm) => !arm.fault), "both arms hold without a fault");
   check(/terminated by the operator; .* hold/.test(end.outcome.reason), "the reason says where the cube is");
+  const paused = Number(/(\d+\.\d) s of them paused/.exec(await page.textContent("#outcome"))?.[1]);
+  check(paused > 2 && paused < end.time, `the outcome tells the time of the pauses (${paused} s)`);
   await picture(page, run, "terminated");
+  await page.click("#go-on");
+  await sees(page, "the mission that goes on waits for its start, as the first one did", "!s.services.after && s.control === 'waiting'");
+  await page.click("#start");
+  await sees(page, "it goes on from where it was stopped", "s.control === 'running' && s.time > 1 && s.cube.held_by.length");
+  await page.click("#terminate");
+  await page.click("#sure-yes");
+  await sees(page, "and ends again", "s.control === 'ended' && s.services.after");
   await page.click("#quit");
   await page.close();
   run.records("operator: start", "operator: pause", "operator: resume", "operator: terminate");
+  check(run.recordings().length === 2, "both parts of the mission have a recording");
   await run.ends(1, /ABORTED\s+terminated by the operator/);
 }
 
@@ -425,7 +445,7 @@ async function fault() {
   await page.click("#quit");
   await page.close();
   run.records("operator: emergency stop", "emergency stop");
-  await run.ends(3, /ABORTED\s+fatal, .*emergency stop/);
+  await run.ends(3, /ABORTED\s+emergency stop[\s\S]*detected by\s+fatal, edp/);
 }
 
 /** Returns the time (ms) until `test` holds in the page, or NaN after 5 s. */
@@ -485,7 +505,7 @@ async function frozen() {
   await page.click("#quit");
   await page.close();
   run.records("operator: pause", "operator: emergency stop");
-  await run.ends(3, /ABORTED\s+fatal, .*emergency stop/);
+  await run.ends(3, /ABORTED\s+emergency stop[\s\S]*detected by\s+fatal, edp/);
 }
 
 async function replayed() {
@@ -525,9 +545,7 @@ async function after() {
   await sees(page, "the end of the run is shown again", "s.services.after && s.control === 'ended'");
   await page.click("#report");
   await page.getByText(/the report is written to .*\.html/).first().waitFor();
-  const report = run.recording.replace(".mcap", ".html");
-  check(existsSync(report), "the report is there");
-  rmSync(report);
+  check(existsSync(run.recordings()[0].replace(".mcap", ".html")), "the report is there");
   await page.click("#next-seed");
   await sees(page, "another run begins", "!s.services.after && s.control === 'running'");
   await page.waitForFunction(() => document.getElementById("version").textContent.includes("seed 4"));
@@ -536,9 +554,8 @@ async function after() {
   check(first.filter((words) => words === "acquire").length === 1, `the timeline is that of the second run: ${first}`);
   await page.click("#quit");
   await page.close();
-  const second = run.recording.replace(".mcap", "-2.mcap");
-  check(existsSync(second), "the second run has a recording of its own");
-  if (!process.env.KEEP) rmSync(second, { force: true });
+  const recordings = run.recordings();
+  check(recordings.length === 2, `the second run has a recording of its own (${recordings})`);
   await run.ends(0, /DONE[\s\S]*DONE/);
 }
 
@@ -567,6 +584,11 @@ async function byHand() {
   await page.click("[data-pick='step 0']");
   await page.click("[aria-label^='joint 1 minus']");
   await sees(page, "joint 1 moves back by 1 deg", "Math.abs(s.arms[0].joints[1] - a - Math.PI / 45) < 2e-3", before.arms[0].joints[1]);
+  await page.selectOption("[aria-label='axis that moves to the number']", "2");
+  await page.fill("[aria-label='target of joint 2 in deg']", "-106.5");
+  await page.press("[aria-label='target of joint 2 in deg']", "Enter");
+  await sees(page, "joint 2 moves to its target of -106.5 deg", "Math.abs(s.arms[0].joints[2] + 106.5 * Math.PI / 180) < 2e-3");
+  await sees(page, "and the arm waits for another order", "s.actors.find((actor) => actor.name === `ecp ${s.arms[0].name}`).state === 'idle'");
   await page.click("[data-pick='move by tool']");
   await page.click("[data-pick='step 2']");
   const tool = (await snapshot(page)).arms[0].frames[6].translation;
@@ -703,6 +725,11 @@ async function question() {
   const wrong = subject.doubtful.filter((i) => subject.read[i] === many);
   check(wrong.length === 1, `one doubtful sticker has a colour that was read ten times (${wrong} of ${subject.doubtful})`);
   check(await page.isDisabled("#question-send"), "ten stickers of a colour cannot be sent");
+  const faces = await page.locator("#question-pictures canvas").count();
+  check(faces > 0, `the question shows the last pictures of the faces (${faces})`);
+  const proposed = await page.textContent("#question-propose").catch(() => "");
+  const facelet = `${"URFDLB"[Math.floor(wrong[0] / 9)]}${(wrong[0] % 9) + 1}`;
+  check(proposed.startsWith(`Paint ${facelet} `), `the counts of the colours propose the sticker (${proposed})`);
   const heard = await page.evaluate(() => {
     const { link } = window.page;
     const said = [];
@@ -716,7 +743,12 @@ async function question() {
   await page.keyboard.press("Escape");
   await page.waitForSelector("#question[open]");
   check(true, "Escape does not close the dialog");
+  await page.click("#question-propose");
+  check(await page.isEnabled("#question-send"), "the proposal makes nine of each colour");
+  check(await page.isHidden("#question-proposal"), "an accepted proposal is gone");
   await page.evaluate(() => document.querySelector("#question-net [tabindex='0'].tile").focus());
+  await page.keyboard.press("wrgyob"["URFDLB".indexOf(many)]);
+  check(await page.isDisabled("#question-send"), "the keyboard undoes it");
   // The keyboard alone is enough: the doubtful sticker has the focus.
   await page.keyboard.press("wrgyob"["URFDLB".indexOf(few)]);
   check(await page.isEnabled("#question-send"), "nine of each colour can be sent");
@@ -825,7 +857,7 @@ async function figures() {
   const since = Date.now();
   await command(binary, ["report", recording, "-o", `${recording}.html`]);
   row("report of a mission", `${((Date.now() - since) / 1000).toFixed(1)} s, ${(statSync(`${recording}.html`).size / 1e6).toFixed(1)} MB of ${(statSync(recording).size / 1e6).toFixed(0)} MB of recording`);
-  for (const file of [recording, `${recording}.html`]) rmSync(file);
+  for (const file of [recording, `${recording}.html`, run.states, mission.states]) rmSync(file, { recursive: true });
   const files = readdirSync("src/web/assets");
   const text = files.map((file) => readFileSync(`src/web/assets/${file}`, "utf8"));
   const own = text.filter((_, i) => files[i].endsWith(".js")).map((all) => all.split("\n").length);

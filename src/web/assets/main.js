@@ -11,6 +11,7 @@ import { Parameters } from "./parameters.js";
 import { attend } from "./attention.js";
 import { keep, kept } from "./settings.js";
 import * as panels from "./panels.js";
+import { showQuestion } from "./questions.js";
 
 const $ = (id) => document.getElementById(id);
 /** Text and CSS class of the states of a replay that differ from those of a run. */
@@ -229,7 +230,7 @@ function show() {
   // The panels above change the height of the plan, so the plan scrolls after them.
   panels.showStep(s.step, control === "ended" && !!s.outcome?.good);
   panels.showCameras(s.cameras, s.time);
-  panels.showQuestion(s.question, s.time, own, (value) => (value.command ? send(value) : link.say(value)));
+  showQuestion(s.question, s.time, own, (value) => (value.command ? send(value) : link.say(value)));
 }
 
 /** Timer that hides the notice. */
@@ -251,7 +252,8 @@ $("terminate").onclick = () => $("sure").showModal();
 $("sure-yes").onclick = () => commands.give("terminate");
 // A modal dialog blocks the rest of the page, so each dialog has its own emergency stop.
 const stops = document.querySelectorAll("button.emergency");
-for (const button of stops) button.onclick = () => { commands.give("emergency_stop"); $("sure").close(); };
+for (const button of stops) button.onclick = () => { commands.give("emergency_stop"); $("sure").close(); $("help").close(); };
+$("help-open").onclick = () => $("help").showModal();
 $("take").onclick = () => link.say({ seat: "take" });
 for (const button of document.querySelectorAll("[data-seat]")) button.onclick = () => link.say({ seat: button.dataset.seat });
 $("speed").onchange = () => commands.give("speed", { factor: Number($("speed").value) });

@@ -151,7 +151,7 @@ export class Manual {
     for (let axis = 0; axis < count; axis++) if (this.straight() || axis > 0 || arm.has_track) axes.push(axis);
     this.values = [];
     const rows = axes.map((axis) => {
-      const name = this.straight() ? FRAME[axis] : axis === 0 ? "track" : this.mode === "motor" ? `motor ${axis}` : `joint ${axis}`;
+      const name = this.name(axis);
       const value = el("output");
       const [by, words] = this.size(axis);
       const jog = (sign) => this.jog(sign < 0 ? "−" : "+", `${name} ${sign < 0 ? "minus" : "plus"} ${words}`, { order: this.mode, axis, by: sign * by });
@@ -177,12 +177,62 @@ export class Manual {
       pick("step", steps, this.step, (value) => { this.step = value; }),
       el("p", { className: "quiet", textContent: `${MODES[this.mode].note ?? ""} A button that is held repeats its step.`.trim() }),
       el("div", { className: "axes" }, ...rows),
+      ...this.target(axes),
       el("div", { className: "line" }, el("span", { textContent: "Jaws" }), this.jaws,
         jaw("Open", high - 0.003), jaw("Close", low + 0.001), width,
         el("button", { textContent: "Set width", onclick: () => this.order({ order: "jaw", opening: Number(width.value) * 1e-3 }) })),
       el("div", { className: "line" }, el("span", { textContent: "Go to" }), ...poses),
     );
     if (this.last) this.show(...this.last);
+  }
+
+  /** Returns the name of an axis of the chosen mode. */
+  name(axis) {
+    return this.straight() ? FRAME[axis] : axis === 0 ? "track" : `${this.mode} ${axis}`;
+  }
+
+  /** Returns the unit in which people read an axis of the chosen mode, and its size in SI units. */
+  unit(axis) {
+    if (this.mode === "motor") return ["rad", 1];
+    if (this.straight()) return axis < 3 ? ["mm", 1e-3] : ["°", rad(1)];
+    return axis ? ["°", rad(1)] : ["cm", 1e-2];
+  }
+
+  /**
+   * Returns the line that moves one of `axes` to a number; an empty list where no number is a place:
+   * a rotation about one axis changes the other two numbers, and the tool's own axes move with it.
+   */
+  target(axes) {
+    const places = axes.filter((axis) => !this.straight() || (axis < 3 && this.mode !== "tool"));
+    if (!places.length) return [];
+    const choice = el("select", {}, ...places.map((axis) => el("option", { value: String(axis), textContent: this.name(axis) })));
+    choice.setAttribute("aria-label", "axis that moves to the number");
+    const number = el("input", { type: "number", step: "any" });
+    const label = () => {
+      const [unit] = this.unit(Number(choice.value));
+      unitLabel.textContent = unit;
+      number.setAttribute("aria-label", `target of ${this.name(Number(choice.value))} in ${unit === "°" ? "deg" : unit}`);
+    };
+    const unitLabel = el("span");
+    const go = el("button", { textContent: "Move there", onclick: () => {
+      const axis = Number(choice.value);
+      const by = number.valueAsNumber * this.unit(axis)[1] - this.position(axis);
+      // An empty field is no number, and an arm that is not synchronised has no position.
+      if (Number.isFinite(by)) this.order({ order: this.mode, axis, by });
+    } });
+    number.onkeydown = (event) => { if (event.key === "Enter") go.click(); };
+    choice.onchange = label;
+    label();
+    return [el("div", { className: "line target" }, el("span", { textContent: "Target" }), choice, number, unitLabel, go)];
+  }
+
+  /** Returns the position of an axis of the chosen mode in SI units; NaN if it is unknown. */
+  position(axis) {
+    const arm = this.last?.[0].arms[this.arm];
+    if (!arm) return NaN;
+    if (this.mode === "motor") return arm.motors[axis];
+    if (!arm.synchronised) return NaN;
+    return this.mode === "joint" ? arm.joints[axis] : this.numbers(arm)[axis];
   }
 
   /** Adds a meter for the range of a joint or motor; returns it, or null for an axis of a frame. */
@@ -220,13 +270,12 @@ export class Manual {
     this.last = [snapshot, moves];
     const arm = snapshot.arms[this.arm];
     if (!arm || !this.values) return;
-    const numbers = this.straight() ? this.numbers(arm) : null;
     for (const [axis, output, meter] of this.values) {
-      let text = "";
-      if (this.mode === "motor") text = `${fixed(arm.motors[axis], 2)} rad`;
-      else if (!arm.synchronised) text = "unknown";
-      else if (this.mode === "joint") text = axis ? `${fixed(deg(arm.joints[axis]), 2)}°` : `${fixed(arm.joints[0] * 100, 2)} cm`;
-      else text = axis < 3 ? `${fixed(numbers[axis] * 1e3, 1)} mm` : `${fixed(deg(numbers[axis]), 2)}°`;
+      const [unit, size] = this.unit(axis);
+      const position = this.position(axis);
+      // Lengths along the axes of a frame are in mm, all other numbers have larger units.
+      const digits = unit === "mm" ? 1 : 2;
+      const text = Number.isNaN(position) ? "unknown" : `${fixed(position / size, digits)}${unit === "°" ? "" : " "}${unit}`;
       if (output.textContent !== text) output.textContent = text;
       if (meter) meter.value = (this.mode === "motor" ? arm.motors : arm.joints)[axis];
     }

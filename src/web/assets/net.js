@@ -12,6 +12,20 @@ const UNSURE = 0.5;
 /** Returns the name of a facelet: letter of the face, number from 1 in reading order. */
 export const nameOf = (index) => `${LETTERS[Math.floor(index / 9)]}${(index % 9) + 1}`;
 
+/**
+ * Returns what the counts of `colours` suggest, as { colour, facelets }: one colour alone is
+ * missing, and just as many stickers are unknown or doubtful and of a colour that is there too
+ * often. Returns null if the counts suggest nothing.
+ */
+export function proposal(colours, doubtful) {
+  const counts = COLOUR_NAMES.map((_, c) => colours.filter((own) => own === c).length);
+  const missing = counts.flatMap((count, c) => (count < 9 ? [c] : []));
+  if (missing.length !== 1) return null;
+  const [colour] = missing;
+  const facelets = colours.flatMap((own, i) => (own < 0 || (counts[own] > 9 && doubtful.includes(i)) ? [i] : []));
+  return facelets.length === 9 - counts[colour] ? { colour, facelets } : null;
+}
+
 /** Returns an empty net and its 54 tiles, which are elements of this kind. */
 function tiles(kind) {
   const net = Object.assign(document.createElement("div"), { className: "net" });
@@ -98,10 +112,12 @@ export class NetView {
 export class NetEditor {
   /**
    * `read` has the letters as they were read, `doubtful` the indices that the controller doubts.
-   * `changed` is called with whether each colour has nine stickers.
+   * `changed` is called with whether each colour has nine stickers, with the proposal for the
+   * stickers that are open, and with this editor.
    */
   constructor(place, read, doubtful, changed) {
     this.colours = [...read].map((letter) => LETTERS.indexOf(letter));
+    this.doubtful = doubtful;
     this.changed = changed;
     this.brush = 0;
     const palette = Object.assign(document.createElement("div"), { className: "palette" });
@@ -125,6 +141,7 @@ export class NetEditor {
       tile.tabIndex = i === (doubtful[0] ?? 0) ? 0 : -1;
       tile.dataset.facelet = nameOf(i);
       tile.classList.toggle("ask", doubtful.includes(i));
+      if (i % 9 === 4) tile.textContent = LETTERS[(i - 4) / 9];
       tile.onclick = () => this.paint(i, this.brush);
       tile.onkeydown = (event) => this.key(event, i);
     });
@@ -151,7 +168,7 @@ export class NetEditor {
       count.textContent = counts[c] === 9 ? "9" : `${counts[c]} of 9`;
       count.classList.toggle("wrong", counts[c] !== 9);
     });
-    this.changed(counts.every((n) => n === 9));
+    this.changed(counts.every((n) => n === 9), proposal(this.colours, this.doubtful), this);
   }
 
   /** Handles a key on sticker `i`: a digit or a letter paints it, an arrow moves the focus. */

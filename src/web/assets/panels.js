@@ -1,8 +1,7 @@
-// Text panels: actors, phases, plan, console, cameras, and the questions of the controller.
+// Panels of text and pictures: actors, phases, plan, outcome, console, cameras.
 
 import { ask } from "./link.js";
 import { COLOURS } from "./scene.js";
-import { NetEditor } from "./net.js";
 
 const $ = (id) => document.getElementById(id);
 const el = (tag, props = {}, ...children) => {
@@ -17,6 +16,17 @@ const STATES = {
   running: ["running", "main"], held: ["held", "good"], fault: ["fault", "bad"],
 };
 
+/** Returns in plain words what an actor does, by the first word of its name. */
+function work(actor) {
+  const [kind, ...rest] = actor.split(" ");
+  const of = rest.join(" ");
+  const words = {
+    mp: "decides what all arms do next", ui: "shows the run and passes on commands",
+    ecp: `plans the motions of the ${of} arm`, edp: `drives the ${of} arm`, vsp: `reads the sensor ${of}`,
+  };
+  return words[kind] ?? "";
+}
+
 /** Shows the actors with their states and words. */
 export function showActors(actors) {
   const list = $("actors");
@@ -28,9 +38,11 @@ export function showActors(actors) {
     }
     const [name, badge, words] = row.children;
     const [text, kind] = STATES[actor.state] ?? [actor.state, ""];
-    if (name.textContent !== actor.name) name.textContent = actor.name;
+    if (name.textContent !== actor.name) [name.textContent, name.title] = [actor.name, work(actor.name)];
     if (badge.textContent !== text) [badge.textContent, badge.className] = [text, `badge ${kind}`];
-    if (words.textContent !== actor.words) words.textContent = words.title = actor.words;
+    // An actor without words of its own is explained.
+    const told = actor.words || work(actor.name);
+    if (words.textContent !== told) words.textContent = words.title = told;
   });
   while (list.children.length > actors.length) list.lastChild.remove();
 }
@@ -172,10 +184,27 @@ for (const id of ["class", "source", "search"]) $(id).addEventListener("input", 
 
 // ---- cameras ----
 const views = [];
+/** Number of pictures with stickers that are kept for a question about the cube. */
+const SEEN = 8;
+/** Latest pictures with a whole face of stickers, each as { key, camera, time, canvas }. */
+let seen = [];
+/** Returns those pictures, the latest last. */
+export const picturesOfFaces = () => seen;
+
+/** Keeps a small copy of a picture in which a whole face was read, in place of one like it. */
+function keepFace(view, camera) {
+  const colours = camera.marks.map((mark) => mark.colour);
+  if (colours.length < 9 || colours.includes(null)) return;
+  const key = camera.name + colours.join("");
+  const canvas = el("canvas", { width: 320, height: Math.round(320 * view.canvas.height / view.canvas.width) });
+  canvas.getContext("2d").drawImage(view.canvas, 0, 0, canvas.width, canvas.height);
+  seen = [...seen.filter((other) => other.key !== key), { key, camera: camera.name, time: camera.time, canvas }].slice(-SEEN);
+}
 
 /** Makes an empty picture for each camera of a new run. */
 export function setCameras(cameras) {
   views.length = 0;
+  seen = [];
   $("cameras").replaceChildren(...cameras.map((camera, i) => {
     const canvas = el("canvas", { width: camera.size[0] || 4, height: camera.size[1] || 3 });
     canvas.setAttribute("role", "img");
@@ -242,6 +271,7 @@ function show(view, image, frame) {
   paint(view, image, found ?? { outlines: [], marks: [] });
   if (found) {
     view.frame = Math.max(view.frame, frame);
+    keepFace(view, found);
     image.close();
   }
 }
@@ -283,56 +313,3 @@ function paint(view, image, camera) {
   view.words.textContent = view.words.title = camera.words;
   canvas.setAttribute("aria-label", `Camera ${canvas.parentElement.querySelector("b").textContent}: ${camera.words}`);
 }
-
-// ---- questions ----
-/** The open question as { number }, or null. */
-let open = null;
-
-/**
- * Shows the open question in a modal dialog, or closes the dialog. `time` is that of the run (s);
- * `commands` says whether this page may answer; `send` sends the answer.
- */
-export function showQuestion(question, time, commands, send) {
-  const box = $("question");
-  if (!question) {
-    if (open) box.close();
-    open = null;
-    return;
-  }
-  if (open?.number !== question.number) {
-    open = { number: question.number };
-    $("question-text").textContent = question.text;
-    $("question-net").replaceChildren();
-    const answer = (value) => send({ command: "answer", question: question.number, answer: value });
-    const buttons = [];
-    if (question.subject === undefined || question.subject.subject === "choice") {
-      question.subject.options.forEach((option, k) => {
-        buttons.push(el("button", { textContent: option, className: k ? "" : "main", onclick: () => answer({ answer: "choice", option: k }) }));
-      });
-    } else {
-      const ok = el("button", { id: "question-send", textContent: "Send these colours", className: "main" });
-      const { read, doubtful } = question.subject;
-      const editor = new NetEditor($("question-net"), read, doubtful, (right) => { ok.disabled = !right; });
-      ok.onclick = () => answer({ answer: "stickers", stickers: editor.stickers() });
-      buttons.push(el("button", { id: "question-decline", textContent: "I do not know", onclick: () => answer({ answer: "declined" }) }), ok);
-    }
-    // The dialog covers the page's button to take over, so it has its own.
-    const take = el("button", { id: "question-take", textContent: "Take over", className: "main", hidden: true, onclick: () => send({ seat: "take" }) });
-    $("question-buttons").replaceChildren(take, ...buttons);
-    box.classList.remove("watching");
-    if (!box.open) box.showModal();
-    ($("question-net").querySelector("[tabindex='0'].tile") ?? buttons[0])?.focus();
-  }
-  // The browser closes a dialog at the second Escape, although the page prevents it.
-  if (!box.open) box.showModal();
-  const left = Math.max(0, question.until - time);
-  const who = commands ? "" : " Another page commands; only that page can answer.";
-  const how = question.subject.subject === "stickers" ? " Choose a colour, then its stickers; or use the arrow keys and W R G Y O B." : "";
-  $("question-note").textContent = `${left.toFixed(0)} s left; ${question.otherwise}.${how}${who}`;
-  if (box.classList.contains("watching") === commands) {
-    box.classList.toggle("watching", !commands);
-    $("question-take").hidden = commands;
-    for (const button of $("question-buttons").querySelectorAll(":scope > :not(#question-take)")) button.hidden = !commands;
-  }
-}
-$("question").addEventListener("cancel", (event) => event.preventDefault());
