@@ -8,6 +8,7 @@ use super::output::{Output, complain, inform, refuse};
 use super::record;
 use super::scenarios;
 use crate::error::{Error, NonFatal};
+use crate::record::about::Begun;
 use crate::record::place::Place;
 use crate::record::recorder::Recorder;
 use crate::run::{NodeContext, NodeEnd, host};
@@ -97,7 +98,7 @@ fn recorder(
     let Some(path) = &args.record else { return Ok(Recorder::default()) };
     let file = Place::create(path)
         .map_err(|error| refuse(format!("--record: {}: {error}", path.display())))?;
-    let begun = record::Begun { attended: false, resumed: false };
+    let begun = Begun { attended: false, resumed: false };
     record::begin(file, None, scenario, &given.overrides(), begun).context("--record")
 }
 

@@ -1,7 +1,6 @@
 //! `run --record FILE`: starts a recording, and reports it at the end of the run.
 
-use crate::record::build;
-use crate::record::calibration;
+use crate::record::about::Begun;
 use crate::record::feed::Feed;
 use crate::record::last_second::LastSecond;
 use crate::record::place::Place;
@@ -9,20 +8,8 @@ use crate::record::recorder::{Patience, Recorder, Written};
 use crate::record::sheet::RunInfo;
 use crate::scenario::keys::Pace;
 use crate::scenario::{Override, Scenario};
-use crate::servo::period::Length;
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
-
-/// Circumstances of a recorded run, which its recording names.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Begun {
-    /// Whether an operator can be asked.
-    pub(super) attended: bool,
-    /// Whether the run resumes an interrupted one.
-    pub(super) resumed: bool,
-}
 
 /// Starts a recording in a file, whose messages the `feed` gets as well. `place` has the temporary
 /// and the final path of the file, as [`Place::create`] returns them.
@@ -38,8 +25,7 @@ pub(super) fn begin(
         Pace::Virtual => Patience::Waits,
         Pace::RealTime => Patience::Never,
     };
-    let mut about = about(scenario, overrides, begun);
-    about.facts.insert("build".into(), build());
+    let about = RunInfo::of(scenario, overrides, begun).with_build();
     Recorder::begin_at(Some((file, Some(place))), feed, about, patience)
 }
 
@@ -50,7 +36,7 @@ pub(super) fn begin_feed(
     overrides: &[Override],
     begun: Begun,
 ) -> std::io::Result<Recorder> {
-    Recorder::begin_feed(feed, about(scenario, overrides, begun))
+    Recorder::begin_feed(feed, RunInfo::of(scenario, overrides, begun))
 }
 
 /// Returns the user's folder of states: `rubik-robot` in `XDG_STATE_HOME`, else in
@@ -72,67 +58,7 @@ pub(super) fn last_second(
     overrides: &[Override],
     begun: Begun,
 ) -> Option<LastSecond> {
-    Some(LastSecond::new(states_folder()?, about(scenario, overrides, begun)))
-}
-
-/// Returns the description with which a recording of this scenario begins, without facts about the
-/// build of the program.
-fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> RunInfo {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    let config = &scenario.controller;
-    let length = Length::of_seconds(scenario.real_time.period);
-    let arms: Vec<_> = config.cell.arms.iter().map(|arm| arm.name.as_str()).collect();
-    let pace = match scenario.pace {
-        Pace::Virtual => "virtual",
-        Pace::RealTime => "real-time",
-    };
-    // Only a simulation knows the true state of the cube.
-    let truth = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
-    let program = scenario.task.program();
-    let loose = scenario.objects().iter().enumerate().filter(|(_, keys)| !keys.is_fixed());
-    // The metadata of MCAP is a map of texts.
-    let facts = [
-        ("version", env!("CARGO_PKG_VERSION").to_owned()),
-        ("program", program.program.clone()),
-        ("program_version", program.version.clone()),
-        ("tasks", program.tasks.join(" ")),
-        ("platform", format!("{} {}", std::env::consts::ARCH, std::env::consts::OS)),
-        ("scenario", scenario.path.display().to_string()),
-        ("task", config.task.word().to_owned()),
-        ("coordination", config.coordination.word().to_owned()),
-        ("pace", pace.to_owned()),
-        ("seed", scenario.seed.to_string()),
-        ("cube_start", truth.unwrap_or_default()),
-        ("arms", arms.join(" ")),
-        ("period_ns", length.nanos().to_string()),
-        ("attended", begun.attended.to_string()),
-        ("resumed", begun.resumed.to_string()),
-        ("started_unix_s", now.as_secs().to_string()),
-        ("declared_face_s", config.vision.face.to_string()),
-        ("standalone_xyz", calibration::standalone(&config.cell)),
-        ("force_limit_n", config.control.force_limit.to_string()),
-        ("torque_limit_nm", config.control.torque_limit.to_string()),
-    ];
-    // A recording of simulated time begins at 0, so that it is the same in each run.
-    let start = match scenario.pace {
-        Pace::Virtual => 0,
-        Pace::RealTime => now.as_nanos() as u64,
-    };
-    RunInfo {
-        cell: config.cell.clone(),
-        scenario: scenario.text.clone(),
-        objects: loose.map(|(i, keys)| (i, keys.link())).collect(),
-        options: overrides
-            .iter()
-            .map(|o| (o.option.clone(), o.key.clone(), o.value.clone()))
-            .collect(),
-        facts: facts
-            .map(|(name, value)| (name.to_owned(), value))
-            .into_iter()
-            .collect::<BTreeMap<_, _>>(),
-        start,
-        length,
-    }
+    Some(LastSecond::new(states_folder()?, RunInfo::of(scenario, overrides, begun)))
 }
 
 /// Returns the message about a recording at the end of its run.

@@ -19,6 +19,7 @@ use crate::error::{Error, NonFatal};
 use crate::hw::console::{self, Tone};
 use crate::hw::driver::missing_core;
 use crate::hw::text::printable;
+use crate::record::about::Begun;
 use crate::record::feed::Feed;
 use crate::record::journal::Journal;
 use crate::record::place::Place;
@@ -259,7 +260,7 @@ fn one(run: &PreparedRun, ui: &mut Ui, desk: &Desk, output: &mut Output) -> anyh
     let has_ui = !matches!(ui, Ui::None);
     // A replay needs all overrides: those of --set and those of the options.
     let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(args.overrides()).collect();
-    let begun = record::Begun { attended: has_ui, resumed: args.keep.resume };
+    let begun = Begun { attended: has_ui, resumed: args.keep.resume };
     // Other programs read the feed from the server of the page, or as topics of ROS 2.
     let feed = (ui.has_page() || args.ros.ros.is_some()).then(|| desk.run_end().feed);
     let ros = &scenario.controller.ros;
@@ -382,7 +383,7 @@ impl RunArgs {
         &self,
         scenario: &Scenario,
         overrides: &[Override],
-        begun: record::Begun,
+        begun: Begun,
         feed: Option<Feed>,
     ) -> anyhow::Result<Recorder> {
         let Some(path) = &self.record else {

@@ -1,14 +1,15 @@
 //! Results of a run: its hashes ([`run_hash`]), the summary, the journal, and the recording, which
 //! is an MCAP file with ROS 2 messages.
 //!
-//! - writing a recording: [`recorder`] (the thread), `place` (the path of the file), [`sheet`] (the
-//!   topics), `file` (MCAP); the messages are in `cdr`, `schema`, `standard`, [`tick`], `sensed`,
-//!   `belief`, `calibration` and [`urdf`]; [`last_second`] writes a short recording after an error,
-//!   also if the run is not recorded
+//! - writing a recording: [`about`] (the description of the run), [`recorder`] (the thread),
+//!   `place` (the path of the file), [`sheet`] (the topics), `file` (MCAP); the messages are in
+//!   `cdr`, `schema`, `standard`, [`tick`], `sensed`, `belief`, `calibration` and [`urdf`];
+//!   [`last_second`] writes a short recording after an error, also if the run is not recorded
 //! - reading a recording: [`reading`] (whole, cut off or damaged) with `framing` (records),
 //!   `chunk` and `closing` (the index), [`recover_file`], `merge` (of all nodes of a run),
 //!   `playback` (as port and sensors of a run), [`report`]
 
+pub mod about;
 pub(crate) mod belief;
 pub(crate) mod calibration;
 pub(crate) mod cdr;

@@ -104,6 +104,15 @@ pub enum Unreadable {
 }
 
 /// Recording that is being read; an iterator over its items.
+///
+/// ```
+/// use rubik_robot::record::reading::{End, Reading};
+///
+/// // A file that ends after the magic of MCAP: it has no items, and the reader says why.
+/// let mut reading = Reading::new(&b"\x89MCAP0\r\n"[..]);
+/// assert_eq!(reading.by_ref().count(), 0);
+/// assert!(matches!(reading.end(), Some(End::Cut(_))));
+/// ```
 pub struct Reading<R> {
     records: Records<R>,
     /// Whether the magic at the beginning has been read.
