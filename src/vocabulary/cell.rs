@@ -132,6 +132,20 @@ pub struct ForceSensor {
 
 impl ForceSensor {
     /// Returns the mass of everything beyond the sensor (kg).
+    ///
+    /// ```
+    /// use nalgebra::Point3;
+    /// use rubik_robot_vocabulary::cell::ForceSensor;
+    /// use rubik_robot_vocabulary::spatial::Pose;
+    ///
+    /// let sensor = ForceSensor {
+    ///     flange_from_sensor: Pose::translation(0.0, 0.0, 0.09),
+    ///     weight: 19.62,
+    ///     centre_in_flange: Point3::new(0.0, 0.0, 0.13),
+    ///     range: [65.0, 65.0, 130.0, 5.0, 5.0, 5.0],
+    /// };
+    /// assert_eq!(sensor.mass(), 2.0);
+    /// ```
     #[must_use]
     pub fn mass(&self) -> f64 {
         self.weight / GRAVITY
@@ -168,6 +182,27 @@ impl Mount {
 
 /// Pinhole camera with two coefficients of radial distortion. The image coordinates (0, 0) are the
 /// centre of the first pixel, not its corner.
+///
+/// ```
+/// use nalgebra::Point3;
+/// use rubik_robot_vocabulary::cell::Intrinsics;
+///
+/// let camera = Intrinsics {
+///     width: 640,
+///     height: 480,
+///     focal: (1150.0, 1150.0),
+///     centre: (319.5, 239.5),
+///     distortion: (-0.1, 0.02),
+/// };
+/// // A point on the optical axis is at the principal point, whatever its distance.
+/// assert_eq!(camera.project(&Point3::new(0.0, 0.0, 0.61)), camera.centre);
+/// // A face of 57 mm at 0.61 m is about 107 px wide.
+/// let edge = |x: f64| camera.project(&Point3::new(x, 0.0, 0.61)).0;
+/// assert!((edge(0.0285) - edge(-0.0285) - 107.0).abs() < 1.0);
+/// // The direction of a pixel is the inverse.
+/// let (x, y) = camera.unproject(camera.project(&Point3::new(0.1, -0.05, 0.5)));
+/// assert!((x - 0.2).abs() < 1e-9 && (y + 0.1).abs() < 1e-9);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
     /// Number of pixels in a row.
@@ -234,6 +269,23 @@ pub struct CubeSpec {
 }
 
 /// Zone in which the cube is handed over.
+///
+/// ```
+/// use nalgebra::{Point3, Vector3};
+/// use rubik_robot_vocabulary::cell::HandZone;
+/// use rubik_robot_vocabulary::spatial::Pose;
+///
+/// let zone = HandZone {
+///     world_from_cube: Pose::translation(0.85, 0.4, 1.25),
+///     half_extent: Vector3::new(0.05, 0.05, 0.05),
+/// };
+/// // Distances count from the box, in its own frame.
+/// assert_eq!(zone.distance(&Point3::new(0.04, 0.0, 0.0)), 0.0);
+/// assert!((zone.distance(&Point3::new(0.15, 0.0, 0.0)) - 0.1).abs() < 1e-12);
+/// // A segment that passes through the box meets it.
+/// let (a, b) = (Point3::new(-1.0, 0.0, 0.0), Point3::new(1.0, 0.0, 0.0));
+/// assert_eq!(zone.distance_to_segment(&a, &b), 0.0);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HandZone {
     /// Pose of the cube when the person holds it still, or when it lies on the table. Cube axes: x

@@ -25,6 +25,14 @@ pub struct JointPositions(pub [f64; AXES]);
 impl JointPositions {
     /// Returns the joint positions on the straight line in joint space from these (`share` 0) to
     /// `to` (`share` 1).
+    ///
+    /// ```
+    /// use rubik_robot_vocabulary::motion::JointPositions;
+    ///
+    /// let to = JointPositions([0.8, 0.4, 0.0, 0.0, 0.0, 0.0, 2.0]);
+    /// let part = JointPositions::default().towards(&to, 0.25);
+    /// assert_eq!(part.0, [0.2, 0.1, 0.0, 0.0, 0.0, 0.0, 0.5]);
+    /// ```
     #[must_use]
     pub fn towards(&self, to: &Self, share: f64) -> Self {
         Self(std::array::from_fn(|i| self.0[i] + share * (to.0[i] - self.0[i])))
@@ -124,6 +132,17 @@ pub struct JawCommand {
 }
 
 /// Command to an EDP: a motion, its duration and the set values of the jaw.
+///
+/// ```
+/// use rubik_robot_vocabulary::motion::{Direction, Frame, Motion, MoveCommand, PERIOD};
+///
+/// // Presses with 5 N along z of the tool, and keeps its place in all other directions.
+/// let mut directions = [Direction::HOLD; 6];
+/// directions[2] = Direction::Contact { wanted: 5.0, admittance: 0.002, inertia: 0.0 };
+/// let motion = Motion::Task { frame: Frame::Tool, directions };
+/// let macrostep = MoveCommand { motion, periods: 8, jaw: None };
+/// assert_eq!(f64::from(macrostep.periods) * PERIOD, 0.016);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MoveCommand {
     /// Motion of the arm.
@@ -288,6 +307,16 @@ const fn unit(axis: usize) -> &'static str {
 }
 
 /// Reason for which the arm refuses a command or aborts it. The arm holds; the error is non-fatal.
+///
+/// ```
+/// use rubik_robot_vocabulary::motion::MoveRefused;
+///
+/// // Errors are facts with numbers and units; joint 0 is the track and slides.
+/// let refused = MoveRefused::TooFast { axis: 1, rate: 260.0, limit: 250.0 };
+/// assert_eq!(refused.to_string(), "motor 1: 260.0 rad/s is faster than 250.0 rad/s");
+/// let limit = MoveRefused::JointLimit { axis: 0, value: 1.3, low: 0.0, high: 1.21 };
+/// assert!(limit.to_string().starts_with("joint 0: 1.3000 m is outside"));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum MoveRefused {
     /// No joint positions reach the pose.

@@ -8,6 +8,18 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Rigid transform `to_from`: it converts coordinates in `from` to coordinates in `to` (m).
+///
+/// ```
+/// use nalgebra::Point3;
+/// use rubik_robot_vocabulary::spatial::Pose;
+///
+/// // The camera is 0.5 m above the table and looks down: its z points downwards.
+/// let table_from_camera = Pose::translation(0.0, 0.0, 0.5)
+///     * nalgebra::UnitQuaternion::from_euler_angles(std::f64::consts::PI, 0.0, 0.0);
+/// let in_camera = Point3::new(0.1, 0.0, 0.4);
+/// let on_table = table_from_camera * in_camera;
+/// assert!((on_table - Point3::new(0.1, 0.0, 0.1)).norm() < 1e-12);
+/// ```
 pub type Pose = Isometry3<f64>;
 
 /// Acceleration of free fall (m/s2).
@@ -22,6 +34,15 @@ pub fn is_rigid(pose: &Pose) -> bool {
 }
 
 /// Velocity (m/s, rad/s) or small displacement (m, rad).
+///
+/// ```
+/// use rubik_robot_vocabulary::spatial::Twist;
+///
+/// // The displacement of a tool in 2 ms at 0.1 m/s along x and 1 rad/s about z.
+/// let moved = Twist::from_directions([0.0002, 0.0, 0.0, 0.0, 0.0, 0.002]).displacement();
+/// assert_eq!(moved.translation.x, 0.0002);
+/// assert!((moved.rotation.angle() - 0.002).abs() < 1e-12);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Twist {
     /// Linear part along the axes of the frame in which the twist is expressed.
@@ -64,6 +85,16 @@ impl Twist {
 }
 
 /// Force (N) and torque (Nm) about the origin of the frame in which they are expressed.
+///
+/// ```
+/// use rubik_robot_vocabulary::spatial::{Pose, Wrench};
+///
+/// // 10 N along x at a tool point that is 0.25 m in front of the sensor: a torque of 2.5 Nm.
+/// let at_tool = Wrench::from_directions([10.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+/// let sensor_from_tool = Pose::translation(0.0, 0.0, 0.25);
+/// let at_sensor = at_tool.moved(&sensor_from_tool);
+/// assert_eq!(at_sensor.directions(), [10.0, 0.0, 0.0, 0.0, 2.5, 0.0]);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Wrench {
     /// Force along the axes (N).
@@ -134,6 +165,18 @@ impl std::ops::Neg for Wrench {
 
 /// Makes the pose whose rotation has the given columns and whose origin is `origin` (m). The
 /// columns must be orthonormal and right-handed.
+///
+/// ```
+/// use nalgebra::{Point3, Vector3};
+/// use rubik_robot_vocabulary::spatial::{is_rigid, pose_from_axes};
+///
+/// // A camera that looks along +x of the world: its x is to the right, its y downwards.
+/// let (x, y, z) = (-Vector3::y(), -Vector3::z(), Vector3::x());
+/// let world_from_camera = pose_from_axes(x, y, z, Point3::new(0.0, 0.0, 1.2));
+/// assert!(is_rigid(&world_from_camera));
+/// let ahead = world_from_camera * Point3::new(0.0, 0.0, 2.0);
+/// assert!((ahead - Point3::new(2.0, 0.0, 1.2)).norm() < 1e-12);
+/// ```
 #[must_use]
 pub fn pose_from_axes(
     x: Vector3<f64>,

@@ -13,6 +13,23 @@ use rand_pcg::Pcg64;
 use std::sync::LazyLock;
 
 /// A cube that can be reached from the solved one by face turns.
+///
+/// ```
+/// use rubik_robot_vocabulary::cube::{Cube, parse_turns};
+///
+/// // R U R' U' has the order 6, and R U has the order 105.
+/// for (text, order) in [("R U R' U'", 6), ("R U", 105)] {
+///     let turns = parse_turns(text)?;
+///     let mut cube = Cube::SOLVED.apply_all(&turns);
+///     let mut times = 1;
+///     while !cube.is_solved() {
+///         cube = cube.apply_all(&turns);
+///         times += 1;
+///     }
+///     assert_eq!(times, order);
+/// }
+/// # Ok::<(), rubik_robot_vocabulary::cube::ParseTurns>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Cube {
     /// Index of the corner at each position, in the order of [`CORNERS`].
@@ -135,6 +152,14 @@ impl Cube {
     }
 
     /// Draws a cube uniformly from all 4.3e19 states. Equal seeds give equal cubes.
+    ///
+    /// ```
+    /// use rubik_robot_vocabulary::cube::{Cube, Facelets};
+    ///
+    /// let cube = Cube::scrambled(2007);
+    /// assert_eq!(cube, Cube::scrambled(2007));
+    /// assert!(Cube::is_possible(Facelets::from(&cube).colours()));
+    /// ```
     #[must_use]
     pub fn scrambled(seed: u64) -> Self {
         let mut random = Pcg64::seed_from_u64(seed);
@@ -174,6 +199,16 @@ impl Cube {
 
     /// Returns the product: the state of this cube after the turns that lead from the solved cube
     /// to `other`.
+    ///
+    /// ```
+    /// use rubik_robot_vocabulary::cube::{Cube, parse_turns};
+    ///
+    /// let first = Cube::SOLVED.apply_all(&parse_turns("R U2")?);
+    /// let second = Cube::SOLVED.apply_all(&parse_turns("F' L")?);
+    /// let both = Cube::SOLVED.apply_all(&parse_turns("R U2 F' L")?);
+    /// assert_eq!(first.then(&second), both);
+    /// # Ok::<(), rubik_robot_vocabulary::cube::ParseTurns>(())
+    /// ```
     #[must_use]
     pub fn then(&self, other: &Self) -> Self {
         let mut product = Self::SOLVED;
@@ -194,6 +229,13 @@ impl Cube {
 
     /// Returns the inverse state: turns that lead from the solved cube to this state, followed by
     /// turns that lead from the solved cube to the inverse, have no effect.
+    ///
+    /// ```
+    /// use rubik_robot_vocabulary::cube::Cube;
+    ///
+    /// let cube = Cube::scrambled(1);
+    /// assert!(cube.then(&cube.inverse()).is_solved());
+    /// ```
     #[must_use]
     pub fn inverse(&self) -> Self {
         let mut inverse = Self::SOLVED;

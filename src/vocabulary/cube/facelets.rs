@@ -14,6 +14,18 @@ use std::sync::LazyLock;
 ///
 /// A colour is the number (0..=5 in [`Face::ALL`]) of the face whose centre has it on a solved
 /// cube: 0 white, 1 red, 2 green, 3 yellow, 4 orange, 5 blue.
+///
+/// ```
+/// use rubik_robot_vocabulary::cube::{Face, Facelets, Turn};
+///
+/// let turn: Turn = "F".parse()?;
+/// let facelets = Facelets::solved().turned(turn);
+/// // The lower row of U now has the colour of L.
+/// assert_eq!([6, 7, 8].map(|index| facelets.colour(index)), [Face::L; 3]);
+/// assert!(!facelets.is_solved());
+/// assert!(facelets.turned(turn.inverse()).is_solved());
+/// # Ok::<(), rubik_robot_vocabulary::cube::ParseTurns>(())
+/// ```
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Facelets([u8; 54]);
@@ -51,6 +63,15 @@ pub enum ParseFacelets {
 }
 
 /// Place of a sticker on the cube.
+///
+/// ```
+/// use rubik_robot_vocabulary::cube::{Face, FaceletPlace};
+///
+/// let centre = FaceletPlace { face: Face::U, row: 1, col: 1 };
+/// assert_eq!((centre.index(), centre.to_string().as_str()), (4, "U5"));
+/// // On a cube of 57 mm the sticker lies 28.5 mm above the centre of the cube.
+/// assert!((centre.centre(0.057).z - 0.0285).abs() < 1e-12);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FaceletPlace {
     /// Face on which the sticker lies.
@@ -62,6 +83,15 @@ pub struct FaceletPlace {
 }
 
 /// Returns row, column and face of the facelet with this index, 0..54.
+///
+/// ```
+/// use rubik_robot_vocabulary::cube::facelet_place;
+///
+/// // The stickers 8, 9 and 20 are on one corner: right, front, up.
+/// let places = [8, 9, 20].map(facelet_place);
+/// assert_eq!(places.map(|place| place.to_string()), ["U9", "R1", "F3"]);
+/// assert!(places.iter().all(|place| place.cell() == [1, -1, 1]));
+/// ```
 #[must_use]
 pub fn facelet_place(index: usize) -> FaceletPlace {
     let within = (index % 9) as u8;

@@ -43,6 +43,21 @@ impl fmt::Debug for Piece {
 }
 
 /// Reason why stickers do not form a cube that can be solved.
+///
+/// ```
+/// use rubik_robot_vocabulary::cube::{Cube, Facelets};
+///
+/// // A corner that is twisted in its place: its stickers are U9, R1 and F3.
+/// let mut letters: Vec<char> = Facelets::solved().to_string().chars().collect();
+/// letters.swap(8, 9);
+/// letters.swap(9, 20);
+/// let twisted: Facelets = letters.iter().collect::<String>().parse()?;
+///
+/// let reason = Cube::try_from(twisted).unwrap_err();
+/// assert_eq!(reason.kind(), "corner-twisted");
+/// assert!(reason.to_string().starts_with("corner URF is twisted"));
+/// # Ok::<(), rubik_robot_vocabulary::cube::ParseFacelets>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ImpossibleCube {
     /// A colour occurs more or less than nine times.

@@ -29,6 +29,15 @@ const COLOURS: [char; 6] = ['W', 'R', 'G', 'Y', 'O', 'B'];
 const ULFRBD: [usize; 6] = [0, 3, 2, 5, 1, 4];
 
 /// Progress of lines towards the text of a cube.
+///
+/// ```
+/// use rubik_robot_vocabulary::cube::Listing;
+///
+/// // Three letters begin a net or a list of rows; 54 letters in a line are a cube.
+/// assert_eq!(Listing::of(&["UUU"]), Listing::Begun);
+/// assert_eq!(Listing::of(&["U".repeat(54)]), Listing::Complete);
+/// assert_eq!(Listing::of(&["UUU", "UUUU"]), Listing::Broken);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Listing {
     /// The lines are the text of a cube, or no layout begins in this way.
@@ -59,6 +68,26 @@ impl FromStr for Facelets {
     type Err = ParseFacelets;
 
     /// Reads the text of a cube in one of the layouts of this module.
+    ///
+    /// ```
+    /// use rubik_robot_vocabulary::cube::Facelets;
+    ///
+    /// let net = "
+    ///     UUU
+    ///     UUU
+    ///     UUU
+    ///  LLL FFF RRR BBB
+    ///  LLL FFF RRR BBB
+    ///  LLL FFF RRR BBB
+    ///     DDD
+    ///     DDD
+    ///     DDD";
+    /// assert_eq!(net.parse::<Facelets>()?, Facelets::solved());
+    /// // White, red, green, yellow, orange, blue: the usual colours in the order URFDLB.
+    /// let colours = ["w", "r", "g", "y", "o", "b"].map(|colour| colour.repeat(9)).concat();
+    /// assert_eq!(colours.parse::<Facelets>()?, Facelets::solved());
+    /// # Ok::<(), rubik_robot_vocabulary::cube::ParseFacelets>(())
+    /// ```
     ///
     /// # Errors
     /// The first wrong letter, a wrong number of letters, an unknown layout, or colours whose

@@ -36,6 +36,17 @@ pub enum Keeper {
 }
 
 /// A face of the cube, named by its position in the cube frame.
+///
+/// ```
+/// use rubik_robot_vocabulary::cube::{Axis, Face};
+///
+/// assert_eq!(Face::from_letter('F'), Some(Face::F));
+/// assert_eq!(Face::F.opposite(), Face::B);
+/// // The front looks along -y of the cube frame.
+/// assert_eq!((Face::F.axis(), Face::F.normal().y), (Axis::Y, -1.0));
+/// let letters: String = Face::ALL.map(Face::letter).iter().collect();
+/// assert_eq!(letters, "URFDLB");
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Face {
     /// Up, +z, white.
@@ -106,6 +117,19 @@ impl Face {
 
     /// Returns the directions, in the cube frame, in which the column and the row of a face's
     /// stickers increase in reading order.
+    ///
+    /// ```
+    /// use rubik_robot_vocabulary::cube::Face;
+    ///
+    /// // Columns of the front increase to the right (+x), rows downwards (-z).
+    /// let (columns, rows) = Face::F.reading_axes();
+    /// assert_eq!((columns.x, rows.z), (1.0, -1.0));
+    /// // On each face the third axis of a right-handed frame points into the cube.
+    /// assert!(Face::ALL.iter().all(|face| {
+    ///     let (columns, rows) = face.reading_axes();
+    ///     columns.cross(&rows) == -face.normal()
+    /// }));
+    /// ```
     #[must_use]
     pub fn reading_axes(self) -> (Vector3<f64>, Vector3<f64>) {
         // In the net the faces L, F, R, B lie in a row with U above F and D below it, so every side
@@ -172,6 +196,18 @@ impl Axis {
 }
 
 /// Turn of one face.
+///
+/// ```
+/// use rubik_robot_vocabulary::cube::{Face, Turn};
+///
+/// let turn: Turn = "R'".parse()?;
+/// assert_eq!((turn.face, turn.quarters), (Face::R, 3));
+/// assert_eq!(turn.inverse().to_string(), "R");
+/// // There are three turns of each face; four quarters are no turn.
+/// assert_eq!(Turn::all().count(), 18);
+/// assert_eq!(Turn::new(Face::R, 4), None);
+/// # Ok::<(), rubik_robot_vocabulary::cube::ParseTurns>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Turn {
     /// Face that turns.

@@ -156,12 +156,34 @@ impl fmt::Display for Move {
 }
 
 /// Returns the stickers after all moves.
+///
+/// ```
+/// use rubik_robot_vocabulary::cube::{Facelets, after_moves, parse_moves};
+///
+/// // Half turns of all three slices make a chessboard of opposite colours.
+/// let pattern = after_moves(&Facelets::solved(), &parse_moves("M2 E2 S2")?);
+/// assert_eq!(&pattern.to_string()[..9], "UDUDUDUDU");
+/// // A rotation of the whole cube leaves it solved.
+/// assert!(after_moves(&Facelets::solved(), &parse_moves("x y' z2")?).is_solved());
+/// # Ok::<(), rubik_robot_vocabulary::cube::ParseMoves>(())
+/// ```
 #[must_use]
 pub fn after_moves(facelets: &Facelets, moves: &[Move]) -> Facelets {
     moves.iter().fold(*facelets, |f, m| m.of(&f))
 }
 
 /// Reads moves, with or without spaces between them: `R U2 F'`, `Rw M' x2`, `RU2F'`, `(R U)3`.
+///
+/// ```
+/// use rubik_robot_vocabulary::cube::{MoveFault, parse_moves};
+///
+/// assert_eq!(parse_moves("(R U R' U')6")?.len(), 24);
+/// // `r` is the short form of the wide turn `Rw`.
+/// assert_eq!(parse_moves("r2")?, parse_moves("Rw2")?);
+/// let wrong = parse_moves("R U5").unwrap_err();
+/// assert_eq!((wrong.position, wrong.fault), (3, MoveFault::NotAMove));
+/// # Ok::<(), rubik_robot_vocabulary::cube::ParseMoves>(())
+/// ```
 ///
 /// # Errors
 /// The first word that is not a move, and its position.

@@ -33,6 +33,17 @@ impl fmt::Display for StickerChange {
 }
 
 /// Repair of a cube with the fewest changes of stickers.
+///
+/// ```
+/// use rubik_robot_vocabulary::cube::{Facelets, Repair};
+///
+/// // One misread sticker: U1 as red.
+/// let mut letters = Facelets::solved().to_string();
+/// letters.replace_range(..1, "R");
+/// let repair = Repair::of(&letters.parse()?);
+/// assert_eq!(repair.to_string(), "1 sticker to change: U1 R -> U");
+/// # Ok::<(), rubik_robot_vocabulary::cube::ParseFacelets>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Repair {
     /// Changes of one of these repairs; empty for a cube that can be solved.

@@ -12,6 +12,16 @@ use std::sync::LazyLock;
 ///
 /// Its index is 4 x (index of the face to which U moves) + (position of the face to which R moves
 /// among the four faces around that one, in the order of [`Face::ALL`]). 0 is the identity.
+///
+/// ```
+/// use rubik_robot_vocabulary::cube::{Face, Rotation24};
+///
+/// // A turn of the whole cube, clockwise as seen from above, moves the front to the left.
+/// let turn = Rotation24::quarter(Face::U);
+/// assert_eq!(turn.face(Face::F), Face::L);
+/// assert_eq!(turn.after(turn), turn.inverse().after(turn.inverse()));
+/// assert_eq!(Rotation24::all().count(), 24);
+/// ```
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Rotation24(u8);
 
@@ -75,6 +85,15 @@ impl Rotation24 {
     }
 
     /// Finds the one of the 24 rotations that is nearest to `rotation`.
+    ///
+    /// ```
+    /// use nalgebra::UnitQuaternion;
+    /// use rubik_robot_vocabulary::cube::Rotation24;
+    ///
+    /// // A tilt of 0.3 rad is nearer to no rotation than to a quarter turn.
+    /// let tilt = UnitQuaternion::from_euler_angles(0.3, 0.0, 0.0);
+    /// assert_eq!(Rotation24::nearest(&tilt), Rotation24::IDENTITY);
+    /// ```
     #[must_use]
     pub fn nearest(rotation: &UnitQuaternion<f64>) -> Self {
         // The directions of U and R determine the rotation; the sum of their cosines measures how

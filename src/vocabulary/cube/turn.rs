@@ -76,6 +76,15 @@ impl FromStr for Turn {
 
 /// Reads face turns, with or without spaces between them: `R U2 F'`, `RU2F'`.
 ///
+/// ```
+/// use rubik_robot_vocabulary::cube::{format_turns, parse_turns};
+///
+/// assert_eq!(format_turns(&parse_turns("RU2F'")?), "R U2 F'");
+/// let wrong = parse_turns("R U X").unwrap_err();
+/// assert_eq!((wrong.position, wrong.found), (5, 'X'));
+/// # Ok::<(), rubik_robot_vocabulary::cube::ParseTurns>(())
+/// ```
+///
 /// # Errors
 /// The position of the first character that is not part of a face turn.
 pub fn parse_turns(text: &str) -> Result<Vec<Turn>, ParseTurns> {

@@ -36,6 +36,25 @@ impl Angles {
 
 impl ArmModel {
     /// Computes the pose of the flange in the base frame. An arm without a track ignores d0.
+    ///
+    /// ```
+    /// use rubik_robot_vocabulary::motion::JointPositions;
+    /// use std::f64::consts::FRAC_PI_2;
+    ///
+    /// # let text = std::fs::read_to_string(concat!(
+    /// #     env!("CARGO_MANIFEST_DIR"),
+    /// #     "/../../scenarios/arms/irp6_track.toml"
+    /// # ))?;
+    /// # let arm: rubik_robot_vocabulary::kinematics::ArmModel = toml::from_str(&text)?;
+    ///
+    /// // The lower arm is upright, upper arm and wrist point forwards.
+    /// let joints = JointPositions([0.0, 0.0, -FRAC_PI_2, 0.0, 0.0, 0.0, 0.0]);
+    /// let at = arm.base_from_flange(&joints).translation;
+    /// let [lower, upper, wrist] = arm.links;
+    /// assert!((at.x - (upper + wrist)).abs() < 1e-12);
+    /// assert!((at.z - (arm.shoulder_height + lower)).abs() < 1e-12);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     #[must_use]
     pub fn base_from_flange(&self, joints: &JointPositions) -> Pose {
         let q = &joints.0;
@@ -73,6 +92,25 @@ impl ArmModel {
 
     /// Computes the Jacobian of the tool point: linear (m/s), then angular (rad/s) velocity in base
     /// axes, per d0 (m/s) and q1..q6 (rad/s). The first column of an arm without a track is zero.
+    ///
+    /// ```
+    /// use rubik_robot_vocabulary::motion::JointPositions;
+    /// use rubik_robot_vocabulary::spatial::Pose;
+    ///
+    /// # let text = std::fs::read_to_string(concat!(
+    /// #     env!("CARGO_MANIFEST_DIR"),
+    /// #     "/../../scenarios/arms/irp6_track.toml"
+    /// # ))?;
+    /// # let arm: rubik_robot_vocabulary::kinematics::ArmModel = toml::from_str(&text)?;
+    ///
+    /// let joints = JointPositions([0.4, 0.1, -1.5, 0.1, 0.2, 1.5, 0.0]);
+    /// let jacobian = arm.jacobian(&joints, &Pose::translation(0.0, 0.0, 0.25));
+    /// // The track moves the tool along y of the base, as fast as itself, and does not turn it.
+    /// assert_eq!(jacobian.column(0).as_slice(), [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]);
+    /// // The column turns it about z.
+    /// assert_eq!(&jacobian.column(1).as_slice()[3..], [0.0, 0.0, 1.0]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     #[must_use]
     pub fn jacobian(&self, joints: &JointPositions, flange_from_tool: &Pose) -> Matrix6x7 {
         let angles = Angles::of(joints);

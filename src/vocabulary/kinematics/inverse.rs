@@ -72,6 +72,27 @@ impl ArmModel {
     /// Finds the joint positions of `base_from_flange` that are nearest to `near`. d0 is that of
     /// `near`, and q5 and q6 take the full turns nearest to `near`. It does not check limits.
     ///
+    /// ```
+    /// use rubik_robot_vocabulary::motion::{JointPositions, MoveRefused};
+    /// use rubik_robot_vocabulary::spatial::Pose;
+    ///
+    /// # let text = std::fs::read_to_string(concat!(
+    /// #     env!("CARGO_MANIFEST_DIR"),
+    /// #     "/../../scenarios/arms/irp6_track.toml"
+    /// # ))?;
+    /// # let arm: rubik_robot_vocabulary::kinematics::ArmModel = toml::from_str(&text)?;
+    ///
+    /// let joints = JointPositions([0.4, 0.1, -1.5, 0.1, 0.2, 1.5, 0.3]);
+    /// let mut near = joints;
+    /// near.0[1] += 0.05;
+    /// let found = arm.inverse(&arm.base_from_flange(&joints), &near)?;
+    /// assert!(found.0.iter().zip(&joints.0).all(|(a, b)| (a - b).abs() < 1e-9));
+    ///
+    /// let far = arm.inverse(&Pose::translation(3.0, 0.4, 1.0), &joints);
+    /// assert!(matches!(far, Err(MoveRefused::OutOfReach(by)) if by > 1.0));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
     /// # Errors
     /// [`MoveRefused::OutOfReach`] if the wrist centre is too far from, or too near to, the
     /// shoulder; [`MoveRefused::NotANumber`] if an input is not finite.
@@ -111,6 +132,27 @@ impl ArmModel {
     /// shoulders, both signs of the wrist, every full turn of q5 and q6. It does not check motor
     /// limits. In the singularity of the wrist, where solutions are not isolated, those with `t4 =
     /// 0` represent all others.
+    ///
+    /// ```
+    /// use rubik_robot_vocabulary::motion::JointPositions;
+    ///
+    /// # let text = std::fs::read_to_string(concat!(
+    /// #     env!("CARGO_MANIFEST_DIR"),
+    /// #     "/../../scenarios/arms/irp6_track.toml"
+    /// # ))?;
+    /// # let arm: rubik_robot_vocabulary::kinematics::ArmModel = toml::from_str(&text)?;
+    ///
+    /// let joints = JointPositions([0.4, 0.1, -1.5, 0.1, 0.2, 1.5, 0.3]);
+    /// let pose = arm.base_from_flange(&joints);
+    /// let branches = arm.branches(&pose, 0.4);
+    /// assert!(!branches.as_slice().is_empty());
+    /// for joints in branches.as_slice() {
+    ///     let off = pose.inverse() * arm.base_from_flange(joints);
+    ///     assert!(off.translation.vector.norm() < 1e-9 && off.rotation.angle() < 1e-6);
+    ///     assert_eq!(arm.check_joints(joints), Ok(()));
+    /// }
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     #[must_use]
     pub fn branches(&self, base_from_flange: &Pose, d0: f64) -> Branches {
         let mut branches =

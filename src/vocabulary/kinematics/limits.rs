@@ -6,6 +6,24 @@ use crate::motion::{AXES, JointPositions, MotorPositions, MoveRefused};
 impl ArmModel {
     /// Checks that all joints are inside their limits.
     ///
+    /// ```
+    /// use rubik_robot_vocabulary::motion::JointPositions;
+    ///
+    /// # let text = std::fs::read_to_string(concat!(
+    /// #     env!("CARGO_MANIFEST_DIR"),
+    /// #     "/../../scenarios/arms/irp6_track.toml"
+    /// # ))?;
+    /// # let arm: rubik_robot_vocabulary::kinematics::ArmModel = toml::from_str(&text)?;
+    ///
+    /// let mut joints = JointPositions([0.4, 0.1, -1.5, 0.1, 0.2, 1.5, 0.3]);
+    /// assert_eq!(arm.check_joints(&joints), Ok(()));
+    /// // The track is 1.21 m long.
+    /// joints.0[0] = 1.3;
+    /// let refused = arm.check_joints(&joints).unwrap_err();
+    /// assert_eq!(refused.to_string(), "joint 0: 1.3000 m is outside -0.1250..1.2100");
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
     /// # Errors
     /// The first joint that is not: [`MoveRefused::JointLimit`], or [`MoveRefused::NotANumber`].
     pub fn check_joints(&self, joints: &JointPositions) -> Result<(), MoveRefused> {

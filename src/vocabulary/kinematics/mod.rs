@@ -23,6 +23,18 @@ use crate::motion::AXES;
 use serde::{Deserialize, Serialize};
 
 /// Geometry, transmissions and limits of an IRp-6 arm, as a file of `scenarios/arms` gives them.
+///
+/// ```
+/// use rubik_robot_vocabulary::kinematics::ArmModel;
+///
+/// let profile = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenarios/arms/irp6_track.toml");
+/// let arm: ArmModel = toml::from_str(&std::fs::read_to_string(profile)?)?;
+///
+/// // Lengths are in metres: lower arm, upper arm, wrist.
+/// assert_eq!(arm.links, [0.455, 0.67, 0.19]);
+/// assert!(arm.has_track);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArmModel {

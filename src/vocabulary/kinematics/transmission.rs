@@ -10,6 +10,29 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 impl ArmModel {
     /// Computes the motor positions (rad) of joint positions. It does not check limits.
+    ///
+    /// ```
+    /// use rubik_robot_vocabulary::motion::JointPositions;
+    ///
+    /// # let text = std::fs::read_to_string(concat!(
+    /// #     env!("CARGO_MANIFEST_DIR"),
+    /// #     "/../../scenarios/arms/irp6_track.toml"
+    /// # ))?;
+    /// # let arm: rubik_robot_vocabulary::kinematics::ArmModel = toml::from_str(&text)?;
+    ///
+    /// let joints = JointPositions([0.4, 0.1, -1.5, 0.1, 0.2, 1.5, 0.3]);
+    /// let motors = arm.motors(&joints);
+    /// let back = arm.joints(&motors)?;
+    /// assert!(back.0.iter().zip(&joints.0).all(|(a, b)| (a - b).abs() < 1e-9));
+    ///
+    /// // The wrist is coupled: motor 5 must turn along with motor 4, so that q5 stays.
+    /// let mut bent = joints;
+    /// bent.0[4] += 0.1;
+    /// let turned = arm.motors(&bent);
+    /// let [fourth, fifth] = [4, 5].map(|axis: usize| turned.0[axis] - motors.0[axis]);
+    /// assert!((fourth - 0.1 * arm.gears[4]).abs() < 1e-9 && (fourth - fifth).abs() < 1e-9);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     #[must_use]
     pub fn motors(&self, joints: &JointPositions) -> MotorPositions {
         let (q, g, sync, th) = (&joints.0, &self.gears, &self.sync, &self.offsets);
