@@ -17,6 +17,18 @@ const LONGER: u8 = 3;
 /// only in the order of turns of opposite faces count as one. The search for a short solution gets
 /// a tenth of the budget, the search for further solutions gets nine tenths. A solved cube has one
 /// candidate, which has no turns.
+///
+/// ```
+/// use rubik_robot_solver::cube::Cube;
+/// use rubik_robot_solver::{Budget, Tables, candidates};
+///
+/// let (cube, tables) = (Cube::scrambled(1), Tables::build());
+/// let found = candidates(&cube, &tables, &Budget { nodes: 200_000, max_length: 0 }, 10);
+/// assert!(found.len() > 1 && found.len() <= 10);
+/// // The shortest comes first, and each of them solves the cube.
+/// assert!(found.windows(2).all(|pair| pair[0].len() <= pair[1].len() && pair[0] != pair[1]));
+/// assert!(found.iter().all(|turns| cube.apply_all(turns).is_solved()));
+/// ```
 #[must_use]
 pub fn candidates(cube: &Cube, tables: &Tables, budget: &Budget, count: usize) -> Vec<Vec<Turn>> {
     let best = solve(cube, tables, &Budget { nodes: budget.nodes / 10, ..*budget });

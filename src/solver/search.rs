@@ -25,6 +25,18 @@ use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, AtomicUsize, Ordering::
 use std::sync::{Mutex, PoisonError};
 
 /// Limits of a search.
+///
+/// ```
+/// use rubik_robot_solver::cube::{Cube, parse_turns};
+/// use rubik_robot_solver::{Budget, Tables, solve};
+///
+/// let tables = Tables::build();
+/// let cube = Cube::SOLVED.apply_all(&parse_turns("R U F")?);
+/// // Without limits, the search goes on until no shorter solution is possible.
+/// let solution = solve(&cube, &tables, &Budget::UNTIL_PROVEN);
+/// assert!(solution.proven && solution.turns.len() == 3);
+/// # Ok::<(), rubik_robot_solver::cube::ParseTurns>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Budget {
     /// Number of nodes after which the search ends. It always finds a first solution, even beyond
@@ -97,6 +109,17 @@ const CHECKED: u8 = 4;
 
 /// Searches for ever shorter solutions until the budget is spent, with one worker, and returns the
 /// shortest one found. The result is the same on every machine.
+///
+/// ```
+/// use rubik_robot_solver::cube::Cube;
+/// use rubik_robot_solver::{Budget, Tables, solve};
+///
+/// let (cube, tables) = (Cube::scrambled(2007), Tables::build());
+/// let first = solve(&cube, &tables, &Budget::FIRST);
+/// let better = solve(&cube, &tables, &Budget { nodes: 200_000, max_length: 0 });
+/// assert!(better.turns.len() <= first.turns.len());
+/// assert!(cube.apply_all(&better.turns).is_solved());
+/// ```
 #[must_use]
 pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
     let watch = Watch::alone();
@@ -105,6 +128,34 @@ pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
 
 /// Searches for ever shorter solutions until the budget is spent or `watch` stops the search, with
 /// the workers of `watch`. Returns the shortest one found.
+///
+/// ```
+/// use rubik_robot_solver::cube::{Cube, parse_turns};
+/// use rubik_robot_solver::table::InTurn;
+/// use rubik_robot_solver::{Budget, Tables, Watch, solve_watched};
+/// use std::sync::Mutex;
+/// use std::sync::atomic::AtomicBool;
+///
+/// let tables = Tables::build();
+/// let cube = Cube::SOLVED.apply_all(&parse_turns("R U F")?);
+/// let lengths = Mutex::new(Vec::new());
+/// let improved = |turns: &[_]| lengths.lock().unwrap().push(turns.len());
+/// let stop = AtomicBool::new(false);
+/// let watch = Watch {
+///     workers: &InTurn,
+///     stop: &stop,
+///     improved: &improved,
+///     excluded: &|_| (),
+///     longest: None,
+/// };
+///
+/// let solution = solve_watched(&cube, &tables, &Budget::UNTIL_PROVEN, &watch);
+/// assert_eq!(lengths.lock().unwrap().last(), Some(&solution.turns.len()));
+/// // A caller that can only use two turns gets none.
+/// let watch = Watch { longest: Some(2), ..watch };
+/// assert!(solve_watched(&cube, &tables, &Budget::UNTIL_PROVEN, &watch).turns.is_empty());
+/// # Ok::<(), rubik_robot_solver::cube::ParseTurns>(())
+/// ```
 #[must_use]
 pub fn solve_watched(cube: &Cube, tables: &Tables, budget: &Budget, watch: &Watch<'_>) -> Solution {
     let best = Mutex::new(None::<Vec<Turn>>);

@@ -18,6 +18,18 @@ use crate::cube::{Cube, Turn};
 use std::sync::atomic::Ordering::Relaxed;
 
 /// Result of both searches.
+///
+/// ```
+/// use rubik_robot_solver::cube::parse_turns;
+/// use rubik_robot_solver::shortest::Shortest;
+///
+/// // A solution of three turns, while only one of two turns is excluded, may not be shortest.
+/// let mut found = Shortest { turns: Some(parse_turns("F' U' R'")?), at_least: 2, nodes: 0 };
+/// assert!(!found.is_proven());
+/// found.at_least = 3;
+/// assert!(found.is_proven());
+/// # Ok::<(), rubik_robot_solver::cube::ParseTurns>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shortest {
     /// Shortest solution found; `None` if it is longer than the limit.

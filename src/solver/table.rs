@@ -8,6 +8,39 @@
 //! - out: bytes
 
 /// A runner of parallel tasks. This crate starts no threads; its users implement this trait.
+///
+/// ```
+/// use rubik_robot_solver::Tables;
+/// use rubik_robot_solver::table::Workers;
+/// use std::sync::atomic::{AtomicUsize, Ordering};
+///
+/// /// Two threads that take the tasks in turn.
+/// struct TwoThreads;
+///
+/// impl Workers for TwoThreads {
+///     fn count(&self) -> usize {
+///         2
+///     }
+///
+///     fn run(&self, tasks: usize, task: &(dyn Fn(usize) + Sync)) {
+///         let next = AtomicUsize::new(0);
+///         let work = || loop {
+///             let number = next.fetch_add(1, Ordering::Relaxed);
+///             if number >= tasks {
+///                 break;
+///             }
+///             task(number);
+///         };
+///         std::thread::scope(|scope| {
+///             scope.spawn(work);
+///             work();
+///         });
+///     }
+/// }
+///
+/// // Phase 1 and phase 2 together take less than 64 MiB.
+/// assert!(Tables::build_with(&TwoThreads).size() < 64 << 20);
+/// ```
 pub trait Workers: Sync {
     /// Returns the number of tasks that run at once.
     fn count(&self) -> usize;

@@ -18,6 +18,20 @@ use std::sync::Arc;
 pub type Bytes = Arc<dyn AsRef<[u8]> + Send + Sync>;
 
 /// All tables of the two-phase search. A program builds them once and shares them among searches.
+///
+/// ```
+/// use rubik_robot_solver::Tables;
+/// use rubik_robot_solver::table::InTurn;
+/// use rubik_robot_solver::tables::Bytes;
+/// use std::sync::Arc;
+///
+/// // A program may keep the bytes of each table in a file and take them from there.
+/// let bytes = Tables::DEFAULT.map(|spec| (spec.build)(&InTurn, &|_| ()));
+/// assert!(bytes.iter().zip(Tables::DEFAULT).all(|(bytes, spec)| bytes.len() == spec.bytes));
+/// let bytes_of_files = bytes.iter().map(Vec::len).sum();
+/// let kept = Tables::with(&bytes.map(|bytes| Arc::new(bytes) as Bytes));
+/// assert!(kept.size() > bytes_of_files);
+/// ```
 pub struct Tables {
     pub(super) frames: Frames,
     pub(super) faces: FaceCases,

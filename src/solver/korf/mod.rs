@@ -102,6 +102,17 @@ pub struct WrongSize {
 }
 
 /// Korf's solver.
+///
+/// ```
+/// use rubik_robot_solver::korf::{Korf, TABLES};
+///
+/// // The databases of Korf's paper: 88 million states of the corners, 43 million of six edges,
+/// // half a byte each.
+/// assert_eq!(TABLES.map(|spec| spec.bytes), [44_089_920, 21_288_960, 21_288_960]);
+/// let wrong = Korf::new([&[], &[], &[]]).unwrap_err();
+/// let words = "the pattern database korf-corners has 0 bytes instead of 44089920";
+/// assert_eq!(wrong.to_string(), words);
+/// ```
 #[derive(Debug)]
 pub struct Korf<'a> {
     corners: &'a [u8],
