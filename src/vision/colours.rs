@@ -189,6 +189,18 @@ pub(super) struct Light(pub(super) [f64; 3]);
 /// Decides the colours of the nine tiles of one face, without its neighbours. Returns the colours,
 /// 0..=5 = white, red, green, yellow, orange, blue, and the confidence in each, 0..=1. `rgb` is the
 /// mean level of each tile, 0..=255.
+///
+/// ```
+/// use rubik_robot_vision::colours::{LETTERS, decide_face};
+///
+/// let (white, red, green) = ([220.0, 222.0, 225.0], [170.0, 25.0, 45.0], [15.0, 140.0, 70.0]);
+/// let (yellow, orange, blue) = ([235.0, 200.0, 25.0], [240.0, 95.0, 20.0], [15.0, 65.0, 160.0]);
+/// let tiles = [white, red, green, yellow, orange, blue, white, red, green];
+/// let (colours, confidences) = decide_face(&tiles);
+/// let letters = colours.map(|colour| LETTERS[usize::from(colour)]);
+/// assert_eq!(letters.iter().collect::<String>(), "WRGYOBWRG");
+/// assert!(confidences.iter().all(|sure| *sure > 0.9));
+/// ```
 #[must_use]
 pub fn decide_face(rgb: &[[f64; 3]; 9]) -> ([u8; 9], [f64; 9]) {
     decide_face_with(rgb, &[None; 9])

@@ -43,6 +43,20 @@ pub fn apply(h: &Matrix3<f64>, p: Point) -> Point {
 /// The model's origin must have a finite image. Fewer than six pairs give an affine map, which is
 /// less sensitive to errors. Returns `None` for fewer than three pairs, or if the points are
 /// degenerate (all near one line).
+///
+/// ```
+/// use rubik_robot_vision::homography::{GRID, apply, distance, fit};
+///
+/// // A picture of the nine tiles of a face, seen from one side: the right column is farther away.
+/// let seen = |(x, y): (f64, f64)| {
+///     let scale = 30.0 / (1.0 + 0.1 * x);
+///     (200.0 + scale * x, 100.0 + scale * y)
+/// };
+/// let pairs = GRID.map(|tile| (tile, seen(tile)));
+/// let h = fit(&pairs).ok_or("degenerate")?;
+/// assert!(distance(apply(&h, (1.5, 1.5)), seen((1.5, 1.5))) < 1e-6);
+/// # Ok::<(), &str>(())
+/// ```
 #[must_use]
 pub fn fit(pairs: &[(Point, Point)]) -> Option<Matrix3<f64>> {
     if pairs.len() < 3 {
@@ -143,6 +157,14 @@ pub fn smallest_pitch(centres: &[Point; 9]) -> f64 {
 
 /// Computes the area of a polygon and its centroid. The area is positive if the corners run
 /// clockwise on the screen (y down). The centroid of a polygon without area is not finite.
+///
+/// ```
+/// use rubik_robot_vision::homography::polygon;
+///
+/// // Clockwise on the screen, where y points downwards.
+/// let (area, centre) = polygon(&[(10.0, 10.0), (30.0, 10.0), (30.0, 20.0), (10.0, 20.0)]);
+/// assert_eq!((area, centre), (200.0, (20.0, 15.0)));
+/// ```
 ///
 /// # Panics
 /// If there are no corners.

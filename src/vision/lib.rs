@@ -19,6 +19,40 @@
 //! | stand-alone camera | [`watcher`] | one image after another -> filtered pose, speed |
 //!
 //! Pixels: the centre of the first pixel is (0, 0), x to the right, y down.
+//!
+//! ```
+//! use image::{Rgb, RgbImage};
+//! use rubik_robot_vision::colours::LETTERS;
+//! use rubik_robot_vision::{DetectorSettings, Lens, detect, locate};
+//!
+//! // Draws a face on a grey wall: nine tiles of 28 px on black, with the noise of a camera.
+//! let paints = [[225, 225, 225], [180, 22, 40], [10, 150, 70], [230, 200, 20], [240, 100, 20]];
+//! let tiles = [0, 1, 2, 3, 4, 0, 1, 2, 3];
+//! let mut noise = 1_u32;
+//! let picture = RgbImage::from_fn(320, 240, |x, y| {
+//!     let (x, y) = (x.wrapping_sub(111), y.wrapping_sub(71));
+//!     let inside = x % 33 > 2 && x % 33 < 31 && y % 33 > 2 && y % 33 < 31;
+//!     let colour = match (x < 99 && y < 99, inside) {
+//!         (true, true) => paints[tiles[(y / 33 * 3 + x / 33) as usize]],
+//!         (true, false) => [18; 3],
+//!         (false, _) => [96; 3],
+//!     };
+//!     Rgb(colour.map(|level: u8| {
+//!         noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+//!         level + (noise >> 29) as u8
+//!     }))
+//! });
+//!
+//! let faces = detect(&picture, None, &DetectorSettings::default())?;
+//! let colours = faces[0].colours.map(|colour| LETTERS[usize::from(colour)]);
+//! assert_eq!(colours.iter().collect::<String>(), "WRGYOWRGY");
+//!
+//! // A cube of 57 mm that is 99 px wide, at a focal length of 600 px, is 345 mm away.
+//! let camera = Lens::pinhole((600.0, 600.0), (159.5, 119.5));
+//! let face = locate(&faces[0], camera, 0.057).camera_from_face;
+//! assert!((face.translation.z - 0.345).abs() < 0.005);
+//! # Ok::<(), rubik_robot_vision::Refusal>(())
+//! ```
 
 pub use rubik_robot_vocabulary::{cell, cube, spatial};
 
@@ -56,7 +90,7 @@ pub use detect::{DetectorSettings, Method, detect};
 pub use pose::{CubeLocation, locate, locate_cube};
 pub use refine::{locate_in, refine_in};
 pub use sensor::{FaceReading, read_face};
-pub use tracker::Tracker;
+pub use tracker::{Prediction, Tracker, TrackerSettings, Update};
 pub use undistort::Lens;
 
 /// A rectangle of pixels.
@@ -75,6 +109,15 @@ pub struct Rect {
 impl Rect {
     /// Returns the part of the rectangle that lies inside an image of `width` x `height` pixels, or
     /// `None` if the rectangle is wholly outside.
+    ///
+    /// ```
+    /// use rubik_robot_vision::Rect;
+    ///
+    /// // A window that reaches beyond the left part of a picture of 640 x 480 px.
+    /// let window = Rect { x: 600, y: 100, width: 80, height: 60 };
+    /// assert_eq!(window.inside(640, 480), Some(Rect { width: 40, ..window }));
+    /// assert_eq!(Rect { x: 700, ..window }.inside(640, 480), None);
+    /// ```
     #[must_use]
     pub fn inside(self, width: u32, height: u32) -> Option<Self> {
         // A predicted window may reach beyond the image, and its end beyond the largest u32.
@@ -88,6 +131,16 @@ impl Rect {
 }
 
 /// Reason why no face is reported.
+///
+/// ```
+/// use image::RgbImage;
+/// use rubik_robot_vision::{DetectorSettings, Refusal, detect};
+///
+/// let search = |picture| detect(&picture, None, &DetectorSettings::default()).unwrap_err();
+/// assert_eq!(search(RgbImage::new(8, 8)), Refusal::TooFewPixels { width: 8, height: 8 });
+/// // A black picture: the cap is on the lens.
+/// assert_eq!(search(RgbImage::new(64, 64)), Refusal::TooDark { brightest: 0 });
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Refusal {
     /// The picture has too few pixels for nine tiles.

@@ -14,6 +14,12 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Appearance of the six colours at each facelet in a rig.
+///
+/// ```
+/// use rubik_robot_vision::table::{ColourTable, Unlearned};
+///
+/// assert_eq!(ColourTable::learn(&[]), Err(Unlearned::Unseen('U')));
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ColourTable {
     /// Mean place of each colour, 0..=5 = URFDLB, in the colour space (weighted lightness, a\*,

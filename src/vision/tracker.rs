@@ -92,6 +92,26 @@ impl Prediction {
 }
 
 /// Tracker of one cube.
+///
+/// ```
+/// use nalgebra::Matrix6;
+/// use rubik_robot_vision::spatial::Pose;
+/// use rubik_robot_vision::{Tracker, TrackerSettings};
+///
+/// // A hand moves the cube at 50 mm/s along x; the camera measures it every 40 ms.
+/// let mut tracker = Tracker::new(TrackerSettings::default());
+/// let spread = Matrix6::identity() * 1e-7;
+/// for picture in 0..25 {
+///     let time = 0.04 * f64::from(picture);
+///     tracker.update(time, &Pose::translation(0.05 * time, 0.0, 0.7), &spread);
+/// }
+/// let soon = tracker.predict(1.0).ok_or("lost")?;
+/// assert!((soon.speed() - 0.05).abs() < 0.005);
+/// assert!((soon.pose.translation.x - 0.05).abs() < 1e-3);
+/// // After a second without a measurement the hand may be anywhere.
+/// assert!(tracker.predict(2.0).is_none());
+/// # Ok::<(), &str>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tracker {
     settings: TrackerSettings,

@@ -9,6 +9,22 @@ use crate::cell::Intrinsics;
 use nalgebra::{Matrix2, Point3, Vector2};
 
 /// Lens with five coefficients of distortion. The centre of the first pixel is (0, 0).
+///
+/// ```
+/// use nalgebra::Point3;
+/// use rubik_robot_vision::Lens;
+///
+/// let lens = Lens {
+///     radial: [-0.12, 0.03, 0.0],
+///     tangential: [0.001, -0.0005],
+///     ..Lens::pinhole((600.0, 600.0), (319.5, 239.5))
+/// };
+/// let (x, y) = lens.unproject(lens.project(&Point3::new(0.08, -0.06, 0.4))).ok_or("no inverse")?;
+/// assert!((x - 0.2).abs() < 1e-9 && (y + 0.15).abs() < 1e-9);
+/// // A barrel lens moves points towards the principal point.
+/// assert!(lens.distort((0.3, 0.0)).0 < 0.3);
+/// # Ok::<(), &str>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
     /// Focal length along x and y (px).

@@ -149,6 +149,31 @@ const BELIEF: f64 = 4.0;
 /// Decides the colours of the 54 facelets of a cube from their mean RGB, 0..=255. The faces are in
 /// the order URFDLB, the facelets of a face in reading order.
 ///
+/// ```
+/// use rubik_robot_vision::colours::{Undecided, decide_cube};
+/// use rubik_robot_vision::cube::{Cube, Facelets};
+///
+/// let stickers: [[f64; 3]; 6] = [
+///     [235.0, 235.0, 235.0],
+///     [183.0, 18.0, 52.0],
+///     [0.0, 155.0, 72.0],
+///     [255.0, 213.0, 0.0],
+///     [255.0, 88.0, 0.0],
+///     [0.0, 70.0, 173.0],
+/// ];
+/// let truth = *Facelets::from(&Cube::scrambled(2007)).colours();
+/// // Each face has its own light, and each facelet its own shade.
+/// let rgb: [[f64; 3]; 54] = std::array::from_fn(|i| {
+///     let shade = 0.75 + 0.03 * (i / 9) as f64 + 0.01 * (i % 9) as f64;
+///     stickers[usize::from(truth[i])].map(|level| level * shade)
+/// });
+/// let decision = decide_cube(&rgb)?;
+/// assert_eq!(decision.facelets, truth);
+/// assert!(decision.doubtful.is_empty());
+/// assert_eq!(decide_cube(&[[90.0; 3]; 54]), Err(Undecided::NoColour));
+/// # Ok::<(), Undecided>(())
+/// ```
+///
 /// # Errors
 /// [`Undecided`] if the colours are not those of a cube.
 pub fn decide_cube(rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
