@@ -10,10 +10,21 @@ use std::process::ExitCode;
 
 /// A program with the whole command line: runs, page, recordings, faults, campaigns and replay.
 ///
-/// ```no_run
-/// fn main() -> std::process::ExitCode {
-///     rubik_robot::App::new().main()
+/// ```
+/// use rubik_robot::App;
+/// use std::process::ExitCode;
+///
+/// /// Makes the program: the tasks of this crate, in recordings under another name.
+/// fn program() -> App {
+///     App::new().named("my-robot", "0.1.0")
 /// }
+///
+/// /// The whole of a `main`.
+/// fn main_of_program() -> ExitCode {
+///     program().main()
+/// }
+///
+/// assert!(format!("{:?}", program()).contains("my-robot"));
 /// ```
 #[derive(Debug)]
 pub struct App {

@@ -24,6 +24,16 @@ pub fn builtin_text(name: &str) -> Option<&'static str> {
 
 /// Returns the model of the built-in profile `name`, one of [`BUILTIN`]; `None` if no profile has
 /// that name.
+///
+/// ```
+/// use rubik_robot::arms::{BUILTIN, builtin};
+///
+/// let model = builtin("irp6_postument").ok_or("no profile")?;
+/// // The postument stands on a fixed base; its motors reach 250 rad/s.
+/// assert_eq!((model.has_track, model.motor_speed_limit), (false, 250.0));
+/// assert!(BUILTIN.iter().all(|name| builtin(name).is_some()));
+/// # Ok::<(), &str>(())
+/// ```
 #[must_use]
 pub fn builtin(name: &str) -> Option<ArmModel> {
     // A text that cannot be parsed would look like an unknown name, but the tests below parse all

@@ -31,6 +31,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// An emergency stop, with the right to release it. Not `Clone`: a stop has one owner.
+///
+/// ```
+/// use rubik_robot::emergency_stop::EmergencyStop;
+///
+/// let stop = EmergencyStop::default();
+/// let (button, signal) = (stop.button(), stop.signal());
+/// button.press();
+/// assert!(signal.is_pressed());
+/// // Only the owner can release it.
+/// stop.release();
+/// assert!(!signal.is_pressed());
+/// ```
 #[derive(Debug, Default)]
 pub struct EmergencyStop(Arc<AtomicBool>);
 

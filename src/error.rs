@@ -14,6 +14,20 @@ use std::borrow::Cow;
 use std::fmt;
 
 /// An error as one actor reports it to another.
+///
+/// ```
+/// use rubik_robot::error::{Error, Fatal, FaultCode};
+/// use rubik_robot::motion::ArmFault;
+///
+/// let error = Error::Fatal {
+///     actor: "edp track".to_owned(),
+///     place: "execute".into(),
+///     cause: Fatal::Arm(ArmFault::OverCurrent { axis: 6, amperes: 9.0 }),
+///     last: None,
+/// };
+/// assert_eq!(error.to_string(), "axis 6: over-current, 9.0 A (fatal, edp track, execute)");
+/// assert_eq!((error.gravity(), error.code()), (1, FaultCode::OverCurrent));
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Error {
     /// A failure after which the actor that asked may continue.

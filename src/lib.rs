@@ -1,6 +1,31 @@
 //! A robot with two arms that takes, reads, solves and returns a Rubik's cube: its controller, and
 //! a simulated plant.
 //!
+//! A run from its scenario to its verdict: both hands hold a cube in simulation and turn one layer.
+//!
+//! ```
+//! use rubik_robot::record::summary::Outcome;
+//! use rubik_robot::run::{RunOptions, run};
+//! use rubik_robot::tasks;
+//! use std::path::Path;
+//!
+//! // Keys have the units of the workshop; each key that is missing has its default.
+//! let text = "task = \"face_turn\"\n[face_turn]\nangle_deg = 90\n[plant]\njaws = \"stiff\"\n";
+//! let scenario = tasks::read(Path::new("turn.toml"), text, &[])?;
+//! let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
+//!
+//! let summary = run(&scenario, options)?;
+//!
+//! // The verdict is that of the simulated plant: the true angle, the true forces.
+//! assert_eq!(summary.outcome, Outcome::Solved);
+//! assert!(summary.turned_deg.is_some_and(|angle| (angle - 90.0).abs() < 3.0));
+//! assert!(summary.peak_force_n.is_some_and(|force| force < 20.0));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The folder `examples` of the repository has programs of this kind: servo periods, a face in a
+//! picture, the places where the arms meet, a recording, a task of one's own.
+//!
 //! The layers from the top down. A module uses only those below it (`tests/architecture.rs` checks
 //! that):
 //!

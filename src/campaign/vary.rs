@@ -34,6 +34,19 @@ const MOST: usize = 1000;
 const LISTED: usize = 120;
 
 /// Keys that a campaign draws.
+///
+/// ```
+/// use rubik_robot::campaign::vary::Variations;
+/// use std::path::Path;
+///
+/// let text = "control.grip_n = { uniform = [22, 30] }\nseed_of_hand = { whole = [1, 3] }\n";
+/// let vary = Variations::read(Path::new("vary.toml"), text)?;
+/// // Equal seeds draw equal values, each as an argument of `--set`.
+/// let options: Vec<String> = vary.draw(7).iter().map(|drawn| drawn.option()).collect();
+/// assert!(options[0].starts_with("control.grip_n=2"));
+/// assert_eq!(options, vary.draw(7).iter().map(|drawn| drawn.option()).collect::<Vec<_>>());
+/// # Ok::<(), rubik_robot::scenario::fault::Faults>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Variations {
     keys: Vec<Key>,

@@ -24,6 +24,18 @@ const STEEPEST: f64 = 0.5 * PEAK_ACCELERATION / PEAK_SPEED;
 const LOST: f64 = 7.0 / 15.0;
 
 /// Family of motion profiles whose ramps take the same time.
+///
+/// ```
+/// use rubik_robot::generators::profile::Profile;
+///
+/// let profile = Profile { ramp: 0.35 };
+/// // Half of the time is half of the distance, and the motion begins and ends at rest.
+/// assert!((profile.share(0.5, 2.0) - 0.5).abs() < 1e-12);
+/// assert!(profile.share(0.01, 2.0) < 1e-3 && profile.share(0.99, 2.0) > 0.999);
+/// // 1.2 m at 0.3 m/s and 2 m/s2 take the time at full speed and a part of both ramps.
+/// let seconds = profile.seconds(1.2, 0.3, 2.0);
+/// assert!(seconds > 4.0 && seconds < 4.0 + 2.0 * profile.ramp);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Profile {
     /// Time of a ramp (s).

@@ -34,6 +34,17 @@ impl LinkModel {
 }
 
 /// One direction of a link.
+///
+/// ```
+/// use rubik_robot::net::{Direction, LinkModel};
+///
+/// let link = LinkModel { delay: 0.005, jitter: 0.002, loss: 0.1, resend: 0.05 };
+/// let mut to_node = Direction::new(link, 1, 0);
+/// let arrivals: Vec<f64> = (0..1000).map(|i| to_node.message(0.01 * f64::from(i))).collect();
+/// // A lost message is sent again and delays those behind it: none overtakes another.
+/// assert!(arrivals.windows(2).all(|pair| pair[0] <= pair[1]));
+/// assert!(arrivals.iter().enumerate().any(|(i, at)| at - 0.01 * i as f64 > 0.05));
+/// ```
 #[derive(Debug)]
 pub struct Direction {
     model: LinkModel,

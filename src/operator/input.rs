@@ -11,6 +11,17 @@ use serde::{Deserialize, Serialize};
 /// Its JSON form is that of a recording: the name alone, or the name with the arguments, as in
 /// `{"seek":{"time":1.0}}`. A page writes `{"command":"seek","time":1.0}` instead; where its name
 /// of an input differs from that in a recording, the page's name is the `alias`.
+///
+/// ```
+/// use rubik_robot::operator::Input;
+///
+/// let seek: Input = serde_json::from_str(r#"{"seek":{"time":1.5}}"#)?;
+/// assert_eq!(seek, Input::Seek { time: 1.5 });
+/// assert_eq!(serde_json::to_string(&Input::EmergencyStop)?, r#""emergency_stop""#);
+/// // A pause moves no arm; the end of the pause does.
+/// assert!(!Input::Pause.moves() && Input::Resume.moves());
+/// # Ok::<(), serde_json::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Input {

@@ -71,6 +71,25 @@ const DIP_ON_PATH: f64 = 1e-4;
 const DIP_WATCHED: f64 = 2e-3;
 
 /// The guard, with the cell as the controller believes it.
+///
+/// ```
+/// use rubik_robot::reach::guard::{Guard, Near, PlannedMotion};
+/// use rubik_robot::tasks;
+/// use std::path::Path;
+///
+/// let cell = tasks::read(Path::new("cell"), "task = \"idle\"\n", &[])?.controller.cell;
+/// let guard = Guard::of(&cell, 0.25);
+/// let from = [Some(&cell.arms[0].start), Some(&cell.arms[1].start)];
+/// let stays = PlannedMotion::Stays;
+/// assert_eq!(guard.check_paths(from, [&stays, &stays]), Ok(()));
+///
+/// // The lower arm of the track tilts forwards until the hand is in the table.
+/// let mut low = cell.arms[0].start;
+/// low.0[2] += 1.2;
+/// let refused = guard.check_paths(from, [&PlannedMotion::Joints(low), &stays]);
+/// assert!(matches!(refused, Err(Near::Table { arm, .. }) if arm == "track"));
+/// # Ok::<(), rubik_robot::scenario::fault::Faults>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Guard {
     /// Shared between copies: each order has a copy of its own.

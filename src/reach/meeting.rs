@@ -55,6 +55,26 @@ impl Meeting {
 const MEETINGS: usize = 24 + 6;
 
 /// All meetings of a cell.
+///
+/// ```
+/// use rubik_robot::cube::{Rotation24, rotations};
+/// use rubik_robot::reach::{MeetingTable, ReachSettings};
+/// use rubik_robot::tasks;
+/// use std::path::Path;
+///
+/// let cell = tasks::read(Path::new("cell"), "task = \"idle\"\n", &[])?.controller.cell;
+/// let table = MeetingTable::compute(&cell, &ReachSettings::default());
+///
+/// // Both palms on one face of the cube are impossible: the rotations that keep the approach.
+/// assert!(table.grasps[Rotation24::IDENTITY.index()].is_none());
+/// for (rotation, grasp) in rotations().iter().zip(&table.grasps) {
+///     let Some(grasp) = grasp else { continue };
+///     assert!(grasp.track_from_postument.rotation.angle_to(rotation) < 1e-9);
+///     assert_eq!(cell.arms[0].model.check(&grasp.track), Ok(()));
+///     assert!(grasp.clearance >= ReachSettings::default().clearance);
+/// }
+/// # Ok::<(), rubik_robot::scenario::fault::Faults>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeetingTable {
     /// Meetings in which both hands hold the cube. The index stands for the rotation of the

@@ -7,6 +7,18 @@ use super::tree::{self, Node, Value};
 use std::rc::Rc;
 
 /// Override: `KEY=VALUE` of the command line.
+///
+/// ```
+/// use rubik_robot::scenario::Override;
+/// use rubik_robot::tasks;
+/// use std::path::Path;
+///
+/// let option = Override::parse("cube.edge_mm=56")?;
+/// let scenario = tasks::read(Path::new("t.toml"), "task = \"idle\"\n", &[option])?;
+/// assert_eq!(scenario.controller.cell.cube.edge, 0.056);
+/// assert!(Override::parse("cube.edge_mm").is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Override {
     /// Name in faults: `--set cube.edge_mm`.

@@ -30,6 +30,31 @@ use crate::spatial::{Pose, Wrench, is_rigid};
 use std::f64::consts::TAU;
 
 /// Servo of one arm with its memory.
+///
+/// ```
+/// use rubik_robot::servo::io::ArmReading;
+/// use rubik_robot::servo::{ArmServo, ServoConfig};
+/// use rubik_robot::tasks;
+/// use std::path::Path;
+///
+/// let config = tasks::read(Path::new("cell"), "task = \"idle\"\n", &[])?.controller;
+/// let (arm, effector) = (&config.cell.arms[0], &config.effectors[0]);
+/// let motors = arm.model.motors(&arm.start).0;
+/// let count = |axis: usize| motors[axis] * arm.model.increments[axis] / std::f64::consts::TAU;
+/// let reading = ArmReading {
+///     counts: std::array::from_fn(|axis| count(axis).round() as i64),
+///     ..ArmReading::default()
+/// };
+///
+/// let mut servo = ArmServo::new(ServoConfig::new(arm, effector.gains.clone()), &reading);
+/// let (drive, state) = servo.step(1, &reading, None);
+///
+/// // An arm at rest without a command keeps its place: drives on, no pulses, no fault.
+/// assert!(drive.enabled && drive.pwm == [0; 7]);
+/// assert_eq!((state.fault, state.refused), (None, None));
+/// assert!((state.joints.0[2] - arm.start.0[2]).abs() < 1e-3);
+/// # Ok::<(), rubik_robot::scenario::fault::Faults>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct ArmServo {
     config: ServoConfig,

@@ -13,6 +13,17 @@ use crate::motion::PERIOD;
 const TICK: u64 = 2_000_000;
 
 /// Length of a servo period.
+///
+/// ```
+/// use rubik_robot::servo::period::Length;
+///
+/// // A servo of 1 kHz: a macrostep of 8 periods of 2 ms has 16 of its own.
+/// let fast = Length::of_seconds(0.001);
+/// assert_eq!((fast.count(8), fast.first_after(100), fast.tick(201)), (16, 200, 100));
+/// // The usual period is 2 ms, at which every conversion is the identity.
+/// assert_eq!(Length::default().seconds(), 0.002);
+/// assert_eq!(Length::default().first_after(100), 100);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Length {
     nanos: u64,

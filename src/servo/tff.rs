@@ -34,6 +34,26 @@ pub struct TaskMotion {
 }
 
 /// The law with its memory: the displacement of the last period, in base axes.
+///
+/// ```
+/// use rubik_robot::motion::{Direction, Frame};
+/// use rubik_robot::servo::tff::{ForceLaw, TaskMotion};
+/// use rubik_robot::spatial::{Pose, Wrench};
+///
+/// // The tool presses on a spring of 2000 N/m along z; the law wants 10 N there.
+/// let mut directions = [Direction::HOLD; 6];
+/// directions[2] = Direction::Contact { wanted: 10.0, admittance: 0.002, inertia: 0.0 };
+/// let task = TaskMotion { frame: Frame::Base, directions };
+/// let (mut law, mut pose) = (ForceLaw::default(), Pose::identity());
+/// for period in 1..=1000 {
+///     let force = 2000.0 * pose.translation.z;
+///     let wrench = Wrench::from_directions([0.0, 0.0, force, 0.0, 0.0, 0.0]);
+///     pose = law.step(period, &task, &wrench, &pose);
+/// }
+/// // After two seconds the spring is pressed by 5 mm, and no other direction has moved.
+/// assert!((pose.translation.z - 0.005).abs() < 1e-5);
+/// assert_eq!((pose.translation.x, pose.translation.y), (0.0, 0.0));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ForceLaw {
     length: Length,

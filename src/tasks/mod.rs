@@ -53,6 +53,17 @@ pub fn load(path: &Path, overrides: &[Override]) -> Result<Scenario, Faults> {
 
 /// Reads the text of a scenario like [`scenario::read`], with the tasks of this crate.
 ///
+/// ```
+/// use rubik_robot::tasks;
+/// use std::path::Path;
+///
+/// // All faults at once, each with its place.
+/// let text = "task = \"solve\"\n[cube]\nedge = 57\n[control]\ngrip_n = 1000\n";
+/// let faults = tasks::read(Path::new("t.toml"), text, &[]).unwrap_err().to_string();
+/// assert!(faults.contains("t.toml:3:1: unknown key `edge` in [cube]"));
+/// assert!(faults.contains("t.toml:5:10: `control.grip_n`: 1000 is outside 1..100"));
+/// ```
+///
 /// # Errors
 /// All faults of the text and of the overrides.
 pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario, Faults> {

@@ -98,6 +98,28 @@ struct StillWatch {
 }
 
 /// Simulated cell, with its state and history.
+///
+/// ```
+/// use rubik_robot::cube::Facelets;
+/// use rubik_robot::hw::plant::{Plant, PlantConfig};
+/// use rubik_robot::hw::port::Port;
+/// use rubik_robot::servo::io::{ArmDrive, ArmReading};
+/// use rubik_robot::tasks;
+/// use std::path::Path;
+///
+/// let cell = tasks::read(Path::new("cell"), "task = \"idle\"\n", &[])?.controller.cell;
+/// let mut plant = Plant::new(PlantConfig::new(cell), 1)?;
+/// let before = plant.scene();
+/// let mut readings = [ArmReading::default(); 2];
+/// for period in 0..50 {
+///     plant.exchange(period, &[ArmDrive::OFF; 2], &mut readings)?;
+/// }
+/// // The brakes hold the arms, and a person has the solved cube.
+/// let moved = before.arms[0].world_from_tool.inverse() * plant.scene().arms[0].world_from_tool;
+/// assert!(moved.translation.vector.norm() < 1e-4);
+/// assert_eq!(plant.verdict().facelets, *Facelets::solved().colours());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone)]
 pub struct Plant {
     config: PlantConfig,
