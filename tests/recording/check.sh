@@ -41,6 +41,11 @@ fi
     skip "mcap and mcap-ros2-support cannot be had from PyPI here; the recording was NOT checked by them"
 "$venv/bin/python" "$here/check.py" "$recording"
 "$venv/bin/python" "$here/../../examples/read_run.py" "$recording" | tail -2
+if "$venv/bin/pip" install -q --disable-pip-version-check pandas matplotlib; then
+    "$venv/bin/python" "$here/../../examples/plot_run.py" "$recording" -o "$work/run.png" | tail -1
+else
+    left_out "pandas and matplotlib cannot be had from PyPI here; the recording was NOT drawn"
+fi
 (cd "$here/../.." && "$robot" urdf >"$work/cell.urdf")
 if "$venv/bin/pip" install -q --disable-pip-version-check mujoco; then
     "$venv/bin/python" "$here/check_urdf.py" "$work/cell.urdf"
