@@ -239,7 +239,7 @@ impl PreparedRun {
         let mut run = wanted.prepare(keeps && !resumes)?;
         if resumes {
             // The run has the files of the one before.
-            run.kept = self.kept.clone();
+            run.kept.clone_from(&self.kept);
             run.files.durable = self.files.durable;
         }
         Ok(run)
