@@ -3,7 +3,8 @@
 //!     cargo run --release --example read_face
 //!
 //! The renderer of the simulated plant draws what the stand-alone camera sees: noise, reflections
-//! and a blurred lens included. `rubik-robot vision PICTURE` reads the pictures of other cameras.
+//! and a blurred lens included. `rubik-robot vision face PICTURE` reads the pictures of other
+//! cameras.
 
 use rubik_robot::cube::{Cube, Facelets};
 use rubik_robot::hw::plant::render::{Look, Renderer, Setting};

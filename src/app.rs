@@ -19,7 +19,7 @@ use std::process::ExitCode;
 ///     App::new().named("my-robot", "0.1.0")
 /// }
 ///
-/// /// The whole of a `main`.
+/// /// Runs the program; a `main` needs nothing else.
 /// fn main_of_program() -> ExitCode {
 ///     program().main()
 /// }

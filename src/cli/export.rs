@@ -3,16 +3,16 @@
 //! - in: a recording
 //! - out: CSV on stdout: the servo ticks of all arms, or the events of the run
 
-use super::output::{Output, refuse};
+use super::output::{Output, refuse, warn};
 use crate::hw::text;
-use crate::record::reading::{Label, Message, Piece, Reading};
+use crate::record::reading::{End, Label, Message, Piece, Reading};
 use crate::record::report::{Story, gather};
 use crate::record::tick::Tick;
 use clap::{Args, ValueEnum};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::BufReader;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Head of the table of servo ticks.
 const TICKS: &str = "time_s,arm,period,\
@@ -41,8 +41,8 @@ pub(super) struct ExportArgs {
     /// Table: ticks (of the servos) or events
     #[arg(long, value_enum, default_value = "ticks", hide_possible_values = true)]
     table: Table,
-    /// Least time between two ticks of an arm (ms)
-    #[arg(long, value_name = "MS", default_value_t = 2.0)]
+    /// Least time between two ticks of an arm (ms); 0: all ticks
+    #[arg(long, value_name = "MS", default_value_t = 0.0)]
     every: f64,
     /// Beginning of the table (s)
     #[arg(long, value_name = "S", default_value_t = 0.0)]
@@ -70,6 +70,7 @@ pub(super) fn run(args: &ExportArgs, output: &mut Output) -> anyhow::Result<u8> 
         Table::Events => {
             let story = gather(file).map_err(|why| unread(why.to_string()))?;
             output.line(EVENTS)?;
+            report_damage(&args.recording, story.file_end.as_ref());
             let within = |time: &f64| (args.from..=args.to).contains(time);
             for (time, kind, words) in events(&story).into_iter().filter(|(time, ..)| within(time))
             {
@@ -77,8 +78,8 @@ pub(super) fn run(args: &ExportArgs, output: &mut Output) -> anyhow::Result<u8> 
             }
         }
         Table::Ticks => {
-            let told = ticks(args, file, output)?;
-            told.map_err(unread)?;
+            let done = ticks(args, file, output)?;
+            done.map_err(unread)?;
         }
     }
     Ok(0)
@@ -94,8 +95,10 @@ fn ticks(
     let mut names: Vec<String> = Vec::new();
     // Time of the next tick of each arm that belongs into the table (s).
     let mut due: Vec<f64> = Vec::new();
-    let mut start = None;
-    for piece in Reading::seekable(file) {
+    // Start of the recording (ns), and length of a servo period (s).
+    let (mut start, mut period) = (None, 0.0);
+    let mut reading = Reading::seekable(file);
+    for piece in reading.by_ref() {
         label.take(&piece);
         let Piece::Message(Message { channel, time, data }) = piece else { continue };
         let time = time.saturating_sub(*start.get_or_insert(time)) as f64 * 1e-9;
@@ -108,6 +111,7 @@ fn ticks(
         if names.is_empty() {
             names = label.fact("arms").split_whitespace().map(str::to_owned).collect();
             due = vec![args.from; names.len()];
+            period = label.fact("period_ns").parse().unwrap_or(0.0) * 1e-9;
             output.line(TICKS)?;
         }
         let tick = match Tick::read(&data) {
@@ -117,7 +121,7 @@ fn ticks(
         let arm = usize::from(tick.arm);
         let (Some(name), Some(next)) = (names.get(arm), due.get_mut(arm)) else { continue };
         // Half a period of grace, since times are multiples of a period up to rounding.
-        if time + 1e-3 < *next {
+        if time + 0.5 * period < *next {
             continue;
         }
         *next = time + args.every * 1e-3;
@@ -126,7 +130,16 @@ fn ticks(
     if names.is_empty() {
         return Ok(Err("the recording has no servo ticks in this time".to_owned()));
     }
+    report_damage(&args.recording, reading.end());
     Ok(Ok(()))
+}
+
+/// Warns that a table covers only the part of a damaged recording that can be read.
+fn report_damage(recording: &Path, end: Option<&End>) {
+    if let Some(flaw) = end.and_then(End::flaw) {
+        let path = recording.display();
+        warn(&format!("{path}: {flaw}; the table covers the part that could be read"));
+    }
 }
 
 /// Returns the row of a servo tick.
@@ -191,8 +204,8 @@ mod tests {
             ..Story::default()
         };
 
-        let told: Vec<_> = events(&story).into_iter().map(|(_, _, words)| words).collect();
+        let texts: Vec<_> = events(&story).into_iter().map(|(_, _, words)| words).collect();
 
-        assert_eq!(told, ["acquire", "track", "no hand", "end"]);
+        assert_eq!(texts, ["acquire", "track", "no hand", "end"]);
     }
 }

@@ -56,7 +56,7 @@ fn chapter(keys: &[&Key]) -> String {
         if section != Some(of) {
             section = Some(of);
             // Writing to a string cannot fail.
-            let _ = write!(text, "\n## {}\n\n", if of.is_empty() { "Of the run" } else { of });
+            let _ = write!(text, "\n## {}\n\n", if of.is_empty() { "Whole run" } else { of });
         }
         // Markdown takes a text in angle brackets for an element of HTML.
         let meaning = key.meaning.replace('<', "&lt;");

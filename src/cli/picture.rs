@@ -64,7 +64,7 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
     let scenario = args.scenario.load(&[]).map_err(refuse)?;
     let cell = &scenario.controller.cell;
     let cube = scenario.plant.cube_state.unwrap_or_else(Facelets::solved);
-    let objects = objects_before(&scenario);
+    let objects = objects_before(&scenario).map_err(refuse)?;
     let scene = Scene { objects, ..before(&scenario.controller, &cube) };
     let image = match &args.camera {
         None => outside(&scene, &scenario.controller, (args.width, args.height)),
@@ -240,7 +240,7 @@ mod tests {
         let cube = Facelets::solved();
         let without = before(&scenario.controller, &cube);
 
-        let with = Scene { objects: objects_before(&scenario), ..without };
+        let with = Scene { objects: objects_before(&scenario).unwrap(), ..without };
 
         let draw = |scene: &Scene| outside(scene, &scenario.controller, (96, 72));
         assert!(draw(&with) != draw(&without), "the box is drawn");

@@ -8,7 +8,7 @@ mod after;
 mod kept;
 
 use super::arguments::{ScenarioArgs, check_devices};
-use super::output::{Output, clash, complain, inform, refuse};
+use super::output::{Output, clash, complain, inform, refuse, warn};
 use super::record;
 use super::ros::RosArgs;
 use super::ticker;
@@ -101,7 +101,8 @@ pub(super) struct RunArgs {
     #[arg(long, verbatim_doc_comment)]
     require_rt: bool,
     /// Record the run to FILE (MCAP), for replay, report and ROS 2 tools
-    /// [default: with a page run.mcap in the run's folder of states, otherwise none]
+    /// [default: with a page, but without --json, run.mcap in the run's folder of
+    /// states; none for moves by hand; otherwise none]
     #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     record: Option<PathBuf>,
     #[command(flatten)]
@@ -135,8 +136,8 @@ struct KeepArgs {
     journal: Option<PathBuf>,
     /// Save the state of the plant to FILE, as a real cell keeps its state;
     /// FILE.lock keeps other runs from using FILE, and is not removed
-    /// [default: with a page and task solve world.json in the run's folder of
-    /// states, otherwise none]
+    /// [default: with a page and task solve, but without --json, world.json in the
+    /// run's folder of states; otherwise none]
     #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     world: Option<PathBuf>,
     /// Continue the interrupted run of --world and --journal; task solve only
@@ -145,16 +146,18 @@ struct KeepArgs {
 }
 
 impl KeepArgs {
-    /// Names the files that no option names, for a task that can be resumed. A run that resumes
-    /// another one has named its own. Hardware has no saved plant: the cell keeps its state.
+    /// Names the files of a task that can be resumed, if no option names one of them: world and
+    /// journal belong together. A run that resumes another one has named its own. Hardware has no
+    /// saved plant: the cell keeps its state.
     fn complete(&mut self, kept: &KeptRun, scenario: &Scenario) {
-        if self.resume || !scenario.controller.task.properties.resumes {
+        let named = self.journal.is_some() || self.world.is_some();
+        if self.resume || named || !scenario.controller.task.properties.resumes {
             return;
         }
         if scenario.bridge.kind.is_hardware() {
-            self.journal = self.journal.take().or_else(|| Some(kept.journal()));
+            self.journal = Some(kept.journal());
         } else {
-            self.world = self.world.take().or_else(|| Some(kept.world()));
+            self.world = Some(kept.world());
         }
     }
 }
@@ -184,6 +187,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     // From here on a refusal is printed after the UI is closed, on the terminal as it was before.
     let mut ui = args.ui.open(kind, desk.ui_end()).map_err(|error| refuse(format!("{error:#}")))?;
     let mut ended = one(&run, &mut ui, &desk, output)?;
+    run.tidy();
     // The page stays for the operator, unless Ctrl-C has ended the run.
     if args.json || ended.interrupted || !ui.has_page() {
         return Ok(ended.code);
@@ -194,7 +198,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         let record = run.args.record.as_deref();
         let over = AfterRun { scenario: &run.scenario, files: &run.files, record };
         let Some(next) = over.next(&ui, &desk)? else { return Ok(ended.code) };
-        run = match run.next(args, next, runs + 1, keeps) {
+        run = match run.followed_by(args, next, runs + 1, keeps) {
             Ok(next) => next,
             Err(why) => {
                 after::refused(&desk, &why);
@@ -204,13 +208,14 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
         runs += 1;
         desk.prepare_next_run();
         ended = one(&run, &mut ui, &desk, output)?;
+        run.tidy();
         if ended.interrupted {
             return Ok(ended.code);
         }
     }
 }
 
-/// A run that nothing known before its begin speaks against.
+/// A run that has passed all checks that come before its start.
 struct PreparedRun {
     /// Its options, with the names of all files that it writes.
     args: RunArgs,
@@ -222,14 +227,43 @@ struct PreparedRun {
 }
 
 impl PreparedRun {
-    /// Prepares the next run, which is number `number` of the program. `args` are the options of
-    /// the user; `keeps` says whether the run keeps files that no option names.
-    fn next(&self, args: &RunArgs, next: Next, number: u32, keeps: bool) -> anyhow::Result<Self> {
+    /// Removes the folders of older runs, and says how this one can go on if it was interrupted.
+    fn tidy(&self) {
+        let Some(kept) = &self.kept else { return };
+        kept.remove_older();
+        let unasked = self.files.journal.as_ref().filter(|_| self.files.unasked);
+        let Some(journal) = unasked.filter(|path| Journal::interrupted(path).is_some()) else {
+            return;
+        };
+        let scenario = self.args.scenario.scenario.display();
+        let file = match &self.files.world {
+            Some(world) => format!("--world {}", world.display()),
+            None => format!("--journal {}", journal.display()),
+        };
+        inform(&format!("to go on later: rubik-robot run {scenario} {file} --resume"));
+    }
+
+    /// Returns whether the program named the recording.
+    fn has_unnamed_recording(&self) -> bool {
+        let folder = self.args.record.as_ref().and_then(|path| path.parent());
+        let kept = self.kept.as_ref().map(|kept| kept.recording());
+        kept.is_some_and(|own| own.parent() == folder)
+    }
+
+    /// Prepares the run that follows, which is number `number` of the program. `args` are the
+    /// options of the user; `keeps` says whether the run keeps files that no option names.
+    fn followed_by(
+        &self,
+        args: &RunArgs,
+        next: Next,
+        number: u32,
+        keeps: bool,
+    ) -> anyhow::Result<Self> {
         let resumes = next == Next::GoOn;
         let mut wanted = if resumes { self.args.clone() } else { args.clone() };
         // Each run has a recording of its own, also in the folder of a run that goes on.
-        let kept = self.kept.as_ref().filter(|_| resumes).map(|kept| kept.recording());
-        wanted.record = args.record.clone().or(kept).map(|path| numbered(&path, number));
+        let unnamed = self.kept.as_ref().filter(|_| resumes).map(|kept| kept.recording());
+        wanted.record = args.record.clone().or(unnamed).map(|path| numbered(&path, number));
         wanted.keep.resume = resumes;
         if let Next::Again(seed) = next {
             wanted.seed = Some(seed.to_string());
@@ -240,7 +274,7 @@ impl PreparedRun {
         if resumes {
             // The run has the files of the one before.
             run.kept.clone_from(&self.kept);
-            run.files.durable = self.files.durable;
+            run.files.unasked = self.files.unasked;
         }
         Ok(run)
     }
@@ -265,7 +299,14 @@ fn one(run: &PreparedRun, ui: &mut Ui, desk: &Desk, output: &mut Output) -> anyh
     let feed = (ui.has_page() || args.ros.ros.is_some()).then(|| desk.run_end().feed);
     let ros = &scenario.controller.ros;
     let topics = feed.clone().and_then(|feed| args.ros.publish(ros, feed)).transpose()?;
-    let recorder = args.recorder(scenario, &overrides, begun, feed)?;
+    let recorder = match args.recorder(scenario, &overrides, begun, feed.clone()) {
+        // A run does not end because of a file that no user asked for.
+        Err(why) if run.has_unnamed_recording() => {
+            warn(&format!("this run is not recorded: {why:#}"));
+            RunArgs { record: None, ..args.clone() }.recorder(scenario, &overrides, begun, feed)?
+        }
+        recorder => recorder?,
+    };
     // A run of a campaign keeps no last second: if it fails, it can be repeated.
     let last_second = (!args.with_parent).then(|| record::last_second(scenario, &overrides, begun));
     // A UI in the terminal shows more than a line, and a program reads no line.
@@ -311,11 +352,14 @@ impl RunArgs {
         let run = self.prepare_as_given()?;
         let Some(kept) = keeps.then(KeptRun::begin).flatten() else { return Ok(run) };
         let mut args = run.args;
-        args.record = args.record.or_else(|| Some(kept.recording()));
+        // A run in which the operator moves arms by hand ends when he wants, perhaps never.
+        if !run.scenario.controller.task.properties.by_hand {
+            args.record = args.record.or_else(|| Some(kept.recording()));
+        }
         args.keep.complete(&kept, &run.scenario);
         let mut prepared = args.prepare_as_given()?;
-        // Only a file that the user named is worth the wait for the disk at each state.
-        prepared.files.durable = run.files.world.is_some();
+        // Options that name none of these files leave all of them to the program.
+        prepared.files.unasked = run.files.world.is_none() && run.files.journal.is_none();
         Ok(PreparedRun { kept: Some(Arc::new(kept)), ..prepared })
     }
 
@@ -480,7 +524,7 @@ fn saved_files(
     if args.resume && !task.properties.resumes {
         return Err("--resume: a run of this task cannot be resumed");
     }
-    Ok(SavedFiles { world: args.world.clone(), journal, resume: args.resume, durable: true })
+    Ok(SavedFiles { world: args.world.clone(), journal, resume: args.resume, unasked: false })
 }
 
 /// Checks that each file that the run writes is neither its scenario nor another of its files. The

@@ -460,7 +460,7 @@ impl Summary {
     }
 
     /// Returns the figures of mission and plant in words, each with its name. Rows that most runs
-    /// do not need are there only if they have something to tell.
+    /// do not need are there only if they have something to report.
     pub(crate) fn figure_rows(&self) -> Vec<(String, String)> {
         let mut rows = self.effort_rows();
         let mut row = |name: &str, words: String| rows.push((name.to_owned(), words));

@@ -6,8 +6,8 @@
 
 use super::disturbance::InjectedFaults;
 use super::failure::not_created;
-use super::felt::Felt;
 use super::gate::Gate;
+use super::measured_peaks::MeasuredPeaks;
 use super::nodes::Nodes;
 use super::operator::OperatorChannels;
 use super::options::{PlantProbe, RunOptions};
@@ -65,7 +65,7 @@ pub(super) struct Composition<'a> {
     /// Keeper of the last second.
     pub(super) last_second: Option<LastSecond>,
     /// Largest forces that the wrists measure.
-    pub(super) felt: Felt,
+    pub(super) measured_peaks: MeasuredPeaks,
     /// Flags of the faults that are injected outside the plant.
     pub(super) faults: InjectedFaults,
     /// Probe of the plant, for a judge of the run.
@@ -227,8 +227,6 @@ impl Composition<'_> {
         }
         let truth = beginning.truth(end, jams.count(), performed.kernel.account().documents);
         let hash = self.operator.trace.hash();
-        let (hash, servo_hash) = (hash.hash(), hash.servo_hash());
-        let (uncalibrated, links, felt) = (self.uncalibrated, staff.nodes.links(), self.felt);
         let judgement = truth.as_ref().map(|truth| judged(&judge, scenario, truth));
         let judgement = judgement.transpose()?.flatten();
         Ok(Done {
@@ -236,11 +234,11 @@ impl Composition<'_> {
             performed,
             truth,
             by_hand,
-            hash,
-            servo_hash,
-            uncalibrated,
-            links,
-            felt,
+            hash: hash.hash(),
+            servo_hash: hash.servo_hash(),
+            uncalibrated: self.uncalibrated,
+            links: staff.nodes.links(),
+            measured_peaks: self.measured_peaks,
         })
     }
 
@@ -327,7 +325,7 @@ impl Composition<'_> {
             trace,
             playback,
             last_second: self.last_second.clone(),
-            felt: self.felt.clone(),
+            measured_peaks: self.measured_peaks.clone(),
             between,
         };
         Ok((start_servos(&drive, world, parts)?, jams))

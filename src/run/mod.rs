@@ -18,9 +18,9 @@ mod disturbance;
 mod documents;
 pub(crate) mod emulate;
 mod failure;
-mod felt;
 mod gate;
 mod interrupt;
+mod measured_peaks;
 pub(crate) mod meeting_cache;
 mod node;
 mod nodes;
@@ -68,8 +68,8 @@ use bridge_log::BridgeLog;
 use composition::Composition;
 use disturbance::InjectedFaults;
 use failure::not_created;
-use felt::Felt;
 use interrupt::Interrupt;
+use measured_peaks::MeasuredPeaks;
 use operator::OperatorChannels;
 use outcome::{BY_OPERATOR, Done};
 use plan::Plan;
@@ -208,10 +208,10 @@ fn carried_out(
     let plan = Plan::of(scenario)?;
     // Files are claimed before the plant exists: the state of another run, finished or still
     // running, must not be overwritten.
-    let synced = saved.durable && scenario.pace == Pace::Virtual;
+    let synced = !saved.unasked && scenario.pace == Pace::Virtual;
     let claim = |path: &PathBuf| Kept::claim(path, synced, operator.trace.clone());
-    let kept = saved.world.as_ref().map(claim).transpose()?;
-    let logbook = open_logbook(scenario, &saved)?;
+    let kept = unless_unasked(&saved, saved.world.as_ref().map(claim).transpose())?;
+    let logbook = unless_unasked(&saved, open_logbook(scenario, &saved))?;
     // Some injected faults act on handles that exist already: the desk's button and the files.
     let faults = InjectedFaults {
         emergency: operator.stop_button.clone(),
@@ -233,7 +233,11 @@ fn carried_out(
                 plant = kept.resume(plant, saved.resume, logbook.has_begun())?;
             }
             let (world, sources) = World::of_plant(scenario, plant, control, &faults)?;
-            (world.keeping(kept)?, sources, None)
+            let kept = match kept.as_ref().map(|kept| world.begin_keeping(kept)) {
+                Some(begun) => unless_unasked(&saved, begun.map(Some))?.and(kept),
+                None => None,
+            };
+            (world.keeping(kept), sources, None)
         }
     };
     // The world has drawn its truth around the scenario as read. The controller's beliefs have the
@@ -248,7 +252,7 @@ fn carried_out(
         operator,
         playback,
         last_second,
-        felt: Felt::default(),
+        measured_peaks: MeasuredPeaks::default(),
         faults,
         probe,
         uncalibrated,
@@ -260,10 +264,29 @@ fn carried_out(
     done
 }
 
-/// Returns the rigid objects of the simulated cell before a run; none if there is no such cell.
-pub(crate) fn objects_before(scenario: &Scenario) -> [Option<SceneObject>; MOST_OBJECTS] {
-    let plant = simulation::create(scenario, None, None);
-    plant.map_or([None; MOST_OBJECTS], |plant| plant.scene().objects)
+/// Returns `done`, or nothing and a warning in place of its error if no user named the `files`: a
+/// run does not end because of a file that no user asked for.
+fn unless_unasked<T: Default>(files: &SavedFiles, done: Result<T, Error>) -> Result<T, Error> {
+    match done {
+        Err(why) if files.unasked => {
+            tracing::warn!("this run cannot be continued later: {}", why.cause());
+            Ok(T::default())
+        }
+        done => done,
+    }
+}
+
+/// Returns the rigid objects of the simulated cell before a run.
+///
+/// # Errors
+/// Reason why the cell cannot be simulated.
+pub(crate) fn objects_before(
+    scenario: &Scenario,
+) -> Result<[Option<SceneObject>; MOST_OBJECTS], String> {
+    if scenario.objects().is_empty() {
+        return Ok([None; MOST_OBJECTS]);
+    }
+    simulation::create(scenario, None, None).map(|plant| plant.scene().objects)
 }
 
 /// Returns the scenario with its cameras calibrated, if it asks for this, and the cameras that

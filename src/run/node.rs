@@ -6,8 +6,8 @@
 
 use super::bridge_log::BridgeLog;
 use super::failure::not_created;
-use super::felt::Felt;
 use super::interrupt::{Interrupt, SWITCHES_OFF};
+use super::measured_peaks::MeasuredPeaks;
 use super::peers::identity;
 use super::recording;
 use super::servos::{self, BetweenPeriods, Drive, Links, Observer, Servos, start_servos};
@@ -293,7 +293,7 @@ impl Parts<'_> {
             trace: trace.clone(),
             playback: None,
             last_second: None,
-            felt: Felt::default(),
+            measured_peaks: MeasuredPeaks::default(),
             between: BetweenPeriods { observer, probe: None, gate: None, pacer: None },
         };
         start_servos(&drive, world, parts)

@@ -64,9 +64,9 @@ pub struct SavedFiles {
     pub journal: Option<PathBuf>,
     /// Whether to resume the interrupted run that left them.
     pub resume: bool,
-    /// Whether the state of the plant must survive a power cut of this machine, for which the run
-    /// waits for the disk.
-    pub durable: bool,
+    /// Whether no user named these files. The run then goes on without a file that cannot be
+    /// written, and does not wait for the disk at each state of the plant.
+    pub unasked: bool,
 }
 
 /// Function that is called after each period with its number and the plant.

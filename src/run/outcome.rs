@@ -14,7 +14,7 @@
 //!
 //! The judge of the task says what the plant confirms. A task without a judge is believed.
 
-use super::felt::Felt;
+use super::measured_peaks::MeasuredPeaks;
 use super::task::Performed;
 use crate::actors::mp::Ending;
 use crate::error::{Error, NonFatal};
@@ -53,7 +53,7 @@ pub(super) struct Done {
     /// Use of the links to other nodes.
     pub(super) links: Vec<LinkUse>,
     /// Largest forces that the wrists of this node's arms measured.
-    pub(super) felt: Felt,
+    pub(super) measured_peaks: MeasuredPeaks,
 }
 
 /// Returns the summary of a run that `error` ended before its task began.
@@ -130,7 +130,7 @@ pub(super) fn summary(
         wall_time_s,
         peak_force_n: verdict.map(|v| v.peak_force),
         peak_torque_nm: verdict.map(|v| v.peak_torque),
-        sensors: sensor_peaks(config, ending, &done.felt, verdict),
+        sensors: sensor_peaks(config, ending, &done.measured_peaks, verdict),
         exertion: verdict.map(|v| exertion(&v.exertion)),
         jams: truth.map(|t| t.jams),
         slips: counts.map(|c| c.slips),
@@ -199,13 +199,13 @@ fn phases(ending: &Ending, ended: Instant) -> Vec<Phase> {
 fn sensor_peaks(
     config: &ControllerConfig,
     ending: &Ending,
-    felt: &Felt,
+    measured: &MeasuredPeaks,
     verdict: Option<&Verdict>,
 ) -> Vec<SensorPeak> {
     let arms = config.cell.arms.iter().take(2).enumerate();
     arms.map(|(i, arm)| {
         // The records have each period of this node's arms; the VSP knows those of other nodes.
-        let (force, torque) = felt.peak(i);
+        let (force, torque) = measured.peak(i);
         let looked = ending.forces.arms.get(i).copied().unwrap_or_default();
         SensorPeak {
             effector: arm.name.clone(),

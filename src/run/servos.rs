@@ -4,8 +4,8 @@
 //! - out: a link to each servo, the switches of all of them, and the world again after the run
 
 use super::failure::not_created;
-use super::felt::Felt;
 use super::gate::Gate;
+use super::measured_peaks::MeasuredPeaks;
 use super::options::PlantProbe;
 use super::simulation::PlantEventLog;
 use super::witness::Witness;
@@ -219,7 +219,7 @@ pub(super) struct Parts {
     /// Keeper of the last second.
     pub(super) last_second: Option<LastSecond>,
     /// Largest forces that the wrists measure.
-    pub(super) felt: Felt,
+    pub(super) measured_peaks: MeasuredPeaks,
     /// Work between two periods.
     pub(super) between: BetweenPeriods,
 }
@@ -270,12 +270,12 @@ pub(super) fn start_servos(
         trace,
         playback,
         last_second,
-        felt,
+        measured_peaks,
         between,
     } = parts;
     let (recorder, latest) = (trace.recorder(), trace.latest().cloned());
     let seen = Seen { to: trace.hash().clone(), latest: latest.clone() };
-    let seen = recording::with(recording::with(Box::new(seen), last_second), Some(felt));
+    let seen = recording::with(recording::with(Box::new(seen), last_second), Some(measured_peaks));
     let new_core = |sink, world: &mut World| {
         Core::new(configs, ends, Arc::clone(&switches), sink, world)
             .map(|core| core.of_effectors(&effectors))

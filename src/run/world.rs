@@ -286,16 +286,18 @@ impl World {
         (Self::of_kind(Kind::Recording(playback), control), cameras.into(), None)
     }
 
-    /// Makes the plant keep its state in a file, now and every tenth of a second.
+    /// Makes the plant keep its state in a file, every tenth of a second.
+    pub(super) fn keeping(mut self, kept: Option<Kept>) -> Self {
+        self.kept = kept;
+        self
+    }
+
+    /// Writes the plant's first state to its file.
     ///
     /// # Errors
-    /// If the first state cannot be written.
-    pub(super) fn keeping(mut self, kept: Option<Kept>) -> Result<Self, Error> {
-        if let (Some(kept), Some(plant)) = (&kept, self.plant()) {
-            kept.begin(plant)?;
-        }
-        self.kept = kept;
-        Ok(self)
+    /// If it cannot be written.
+    pub(super) fn begin_keeping(&self, kept: &Kept) -> Result<(), Error> {
+        self.plant().map_or(Ok(()), |plant| kept.begin(plant))
     }
 
     /// Returns the true scene before the cameras; `None` without a plant.

@@ -41,8 +41,10 @@ class Run {
   static number = 0;
 
   constructor(...args) {
+    // Recordings go to the folder of states, unless an argument names one.
+    this.named = args[args.indexOf("--record") + 1 || args.length];
     this.states = `${pictures}/states${Run.number++}`;
-    rmSync(this.states, { recursive: true, force: true });
+    for (const old of [this.states, ...(this.named ? this.recordings() : [])]) rmSync(old, { recursive: true, force: true });
     const listen = args.includes("--listen") ? [] : ["--listen", "127.0.0.1:0"];
     // Another command than a run comes as one list of words.
     const [other] = args.filter(Array.isArray);
@@ -68,6 +70,7 @@ class Run {
 
   /** Returns the recordings of all runs of the program, in the order of their ends. */
   recordings() {
+    if (this.named) return [this.named, this.named.replace(".mcap", "-2.mcap")].filter(existsSync);
     const states = `${this.states}/rubik-robot`;
     return readdirSync(states).filter((name) => name.startsWith("run-"))
       .flatMap((folder) => readdirSync(`${states}/${folder}`).filter((name) => name.endsWith(".mcap")).map((name) => `${states}/${folder}/${name}`))
@@ -95,7 +98,7 @@ class Run {
     const { same, compared } = JSON.parse(verified.stdout || "{}");
     check(same === true && compared > 100, `the recording verifies to the bit (${compared} servo ticks)`);
     if (same !== true) console.log(verified.stdout, verified.stderr);
-    else if (!process.env.KEEP) rmSync(this.states, { recursive: true });
+    else if (!process.env.KEEP) for (const path of [this.states, ...(this.named ? this.recordings() : [])]) rmSync(path, { recursive: true, force: true });
   }
 }
 
@@ -461,7 +464,7 @@ async function until(page, test) {
  */
 async function frozen() {
   console.log("# a frozen program");
-  const run = new Run("scenarios/idle.toml", "--speed", "1");
+  const run = new Run("scenarios/idle.toml", "--speed", "1", "--record", `${pictures}/idle.mcap`);
   const page = await open(run);
   await sees(page, "the arms can be moved by hand", "s.services.manual && s.time > 1");
   // The program sends its clock five times a second, so a page may notice 0.2 s later.
@@ -532,7 +535,7 @@ async function replayed() {
 
 async function after() {
   console.log("# after a run: replay, report, another seed");
-  const run = new Run("scenarios/acquire.toml", "--seed", "3");
+  const run = new Run("scenarios/acquire.toml", "--seed", "3", "--record", `${pictures}/named.mcap`);
   const page = await open(run);
   await sees(page, "the run ends as done", "s.control === 'ended' && s.services.after?.recorded");
   const end = (await snapshot(page)).time;
@@ -561,7 +564,7 @@ async function after() {
 
 async function byHand() {
   console.log("# motions by hand, and two pages");
-  const run = new Run("scenarios/idle.toml", "--speed", "3");
+  const run = new Run("scenarios/idle.toml", "--speed", "3", "--record", `${pictures}/by-hand.mcap`);
   const page = await open(run);
   await sees(page, "the arms can be moved by hand", "s.services.manual");
   const before = await snapshot(page);
@@ -586,8 +589,12 @@ async function byHand() {
   await sees(page, "joint 1 moves back by 1 deg", "Math.abs(s.arms[0].joints[1] - a - Math.PI / 45) < 2e-3", before.arms[0].joints[1]);
   await page.selectOption("[aria-label='axis that moves to the number']", "2");
   await page.fill("[aria-label='target of joint 2 in deg']", "-106.5");
+  // A second Enter must not add the way once more.
+  await page.press("[aria-label='target of joint 2 in deg']", "Enter");
   await page.press("[aria-label='target of joint 2 in deg']", "Enter");
   await sees(page, "joint 2 moves to its target of -106.5 deg", "Math.abs(s.arms[0].joints[2] + 106.5 * Math.PI / 180) < 2e-3");
+  await pause(1500);
+  await sees(page, "it stays there", "Math.abs(s.arms[0].joints[2] + 106.5 * Math.PI / 180) < 2e-3");
   await sees(page, "and the arm waits for another order", "s.actors.find((actor) => actor.name === `ecp ${s.arms[0].name}`).state === 'idle'");
   await page.click("[data-pick='move by tool']");
   await page.click("[data-pick='step 2']");
@@ -700,7 +707,7 @@ async function remote() {
 
 async function unsynchronised() {
   console.log("# an arm that is not synchronised");
-  const run = new Run("scenarios/idle.toml", "--speed", "15", "--set", "effector.postument.start_synchronised=false");
+  const run = new Run("scenarios/idle.toml", "--speed", "15", "--set", "effector.postument.start_synchronised=false", "--record", `${pictures}/unsynchronised.mcap`);
   const page = await open(run);
   await sees(page, "the arm is not synchronised", "s.services.manual && !s.arms[0].synchronised");
   await page.click("#synchronise");
@@ -746,6 +753,7 @@ async function question() {
   await page.click("#question-propose");
   check(await page.isEnabled("#question-send"), "the proposal makes nine of each colour");
   check(await page.isHidden("#question-proposal"), "an accepted proposal is gone");
+  check(await page.evaluate(() => document.activeElement.id) === "question-send", "the focus goes to the button that sends");
   await page.evaluate(() => document.querySelector("#question-net [tabindex='0'].tile").focus());
   await page.keyboard.press("wrgyob"["URFDLB".indexOf(many)]);
   check(await page.isDisabled("#question-send"), "the keyboard undoes it");
@@ -773,7 +781,7 @@ const share = (values, part) => [...values].sort((a, b) => a - b)[Math.min(value
 async function figures() {
   const row = (what, value) => console.log(`| ${what} | ${value} |`);
   console.log("| figure of the page | value |\n|---|---|");
-  const run = new Run("scenarios/idle.toml", "--speed", "1");
+  const run = new Run("scenarios/idle.toml", "--speed", "1", "--record", `${pictures}/idle.mcap`);
   const page = await open(run);
   await sees(page, "ready", "s.services.manual && s.time > 1");
   const [noticed, took] = [[], []];
@@ -857,7 +865,7 @@ async function figures() {
   const since = Date.now();
   await command(binary, ["report", recording, "-o", `${recording}.html`]);
   row("report of a mission", `${((Date.now() - since) / 1000).toFixed(1)} s, ${(statSync(`${recording}.html`).size / 1e6).toFixed(1)} MB of ${(statSync(recording).size / 1e6).toFixed(0)} MB of recording`);
-  for (const file of [recording, `${recording}.html`, run.states, mission.states]) rmSync(file, { recursive: true });
+  for (const file of [recording, `${recording}.html`, run.states, mission.states, ...run.recordings()]) rmSync(file, { recursive: true, force: true });
   const files = readdirSync("src/web/assets");
   const text = files.map((file) => readFileSync(`src/web/assets/${file}`, "utf8"));
   const own = text.filter((_, i) => files[i].endsWith(".js")).map((all) => all.split("\n").length);

@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 pub(crate) fn program() -> Command {
     let mut program = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
     program.current_dir(env!("CARGO_MANIFEST_DIR")).stdin(Stdio::null());
-    // Recordings of last seconds do not go to the user's folder.
+    // Recordings of last seconds, and runs with a page, do not go to the user's folder.
     program.env("XDG_STATE_HOME", env!("CARGO_TARGET_TMPDIR"));
     program
 }

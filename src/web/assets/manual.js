@@ -28,6 +28,8 @@ const FRAME = ["x", "y", "z", "about x", "about y", "about z"];
 /** Time for which a button is held before it repeats, and between two looks for a repetition (ms). */
 const HELD = 500;
 const AGAIN = 100;
+/** Time after an order to a target until a snapshot shows that the arm moves (ms). */
+const AIMED = 600;
 /** Share of a joint's range at its ends that is marked. */
 const EDGE = 0.05;
 
@@ -68,6 +70,8 @@ export class Manual {
     this.arm = 0;
     this.mode = kept("mode", "joint");
     this.step = 1;
+    /** Page's time of the last order to a target (ms). */
+    this.aimed = -AIMED;
   }
 
   /** Makes the buttons for the arms of a new run. */
@@ -216,10 +220,15 @@ export class Manual {
     const unitLabel = el("span");
     const go = el("button", { textContent: "Move there", onclick: () => {
       const axis = Number(choice.value);
+      // The order is the way from here, so a second one before the arm rests would go beyond.
+      if (!this.rests() || performance.now() - this.aimed < AIMED) return;
       const by = number.valueAsNumber * this.unit(axis)[1] - this.position(axis);
       // An empty field is no number, and an arm that is not synchronised has no position.
-      if (Number.isFinite(by)) this.order({ order: this.mode, axis, by });
+      if (!Number.isFinite(by)) return;
+      this.aimed = performance.now();
+      this.order({ order: this.mode, axis, by });
     } });
+    go.title = "at most 200 mm, 34° or 60 rad of a motor at once";
     number.onkeydown = (event) => { if (event.key === "Enter") go.click(); };
     choice.onchange = label;
     label();

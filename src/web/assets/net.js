@@ -14,15 +14,15 @@ export const nameOf = (index) => `${LETTERS[Math.floor(index / 9)]}${(index % 9)
 
 /**
  * Returns what the counts of `colours` suggest, as { colour, facelets }: one colour alone is
- * missing, and just as many stickers are unknown or doubtful and of a colour that is there too
- * often. Returns null if the counts suggest nothing.
+ * missing, and just as many stickers are unknown, or in the set `doubtful` and of a colour that is
+ * there too often. Returns null if the counts suggest nothing.
  */
 export function proposal(colours, doubtful) {
   const counts = COLOUR_NAMES.map((_, c) => colours.filter((own) => own === c).length);
   const missing = counts.flatMap((count, c) => (count < 9 ? [c] : []));
   if (missing.length !== 1) return null;
   const [colour] = missing;
-  const facelets = colours.flatMap((own, i) => (own < 0 || (counts[own] > 9 && doubtful.includes(i)) ? [i] : []));
+  const facelets = colours.flatMap((own, i) => (own < 0 || (counts[own] > 9 && doubtful.has(i)) ? [i] : []));
   return facelets.length === 9 - counts[colour] ? { colour, facelets } : null;
 }
 
@@ -117,7 +117,8 @@ export class NetEditor {
    */
   constructor(place, read, doubtful, changed) {
     this.colours = [...read].map((letter) => LETTERS.indexOf(letter));
-    this.doubtful = doubtful;
+    /** Stickers that the controller doubts and nobody has painted yet. */
+    this.doubtful = new Set(doubtful);
     this.changed = changed;
     this.brush = 0;
     const palette = Object.assign(document.createElement("div"), { className: "palette" });
@@ -147,7 +148,7 @@ export class NetEditor {
     });
     place.replaceChildren(palette, this.net);
     this.take(0);
-    this.tiles.forEach((_, i) => this.paint(i, this.colours[i]));
+    this.tiles.forEach((_, i) => this.show(i, this.colours[i]));
     this.tiles[doubtful[0] ?? 0].focus();
   }
 
@@ -157,8 +158,14 @@ export class NetEditor {
     this.brushes.forEach(({ button }, c) => button.setAttribute("aria-pressed", String(c === colour)));
   }
 
-  /** Paints a sticker and counts the stickers of each colour. */
+  /** Paints a sticker, which is no longer in doubt then. */
   paint(i, colour) {
+    this.doubtful.delete(i);
+    this.show(i, colour);
+  }
+
+  /** Shows the colour of a sticker and counts the stickers of each colour. */
+  show(i, colour) {
     this.colours[i] = colour;
     const tile = this.tiles[i];
     tile.style.background = COLOURS[colour] ?? "";

@@ -3,8 +3,8 @@
 import { ask } from "./link.js";
 import { COLOURS } from "./scene.js";
 
-const $ = (id) => document.getElementById(id);
-const el = (tag, props = {}, ...children) => {
+export const $ = (id) => document.getElementById(id);
+export const el = (tag, props = {}, ...children) => {
   const it = Object.assign(document.createElement(tag), props);
   it.append(...children);
   return it;
@@ -53,6 +53,8 @@ export function showPhases(phases, over) {
   const key = JSON.stringify([phases, over]);
   if (key === phasesShown) return;
   phasesShown = key;
+  // Pictures of the cube before its turns would mislead.
+  if (phases.at(-1)?.[0].startsWith("identify")) seen = [];
   $("phases").replaceChildren(...phases.map(([name, at], i) =>
     el("li", { textContent: name, title: `from ${at.toFixed(1)} s`, className: i === phases.length - 1 && !over ? "now" : "" })));
 }
@@ -186,7 +188,10 @@ for (const id of ["class", "source", "search"]) $(id).addEventListener("input", 
 const views = [];
 /** Number of pictures with stickers that are kept for a question about the cube. */
 const SEEN = 8;
-/** Latest pictures with a whole face of stickers, each as { key, camera, time, canvas }. */
+/**
+ * Latest pictures with a whole face of stickers since the cube is being read, each as
+ * { key, camera, time, canvas }.
+ */
 let seen = [];
 /** Returns those pictures, the latest last. */
 export const picturesOfFaces = () => seen;

@@ -2,14 +2,7 @@
 
 import { COLOUR_NAMES } from "./scene.js";
 import { NetEditor, nameOf } from "./net.js";
-import { picturesOfFaces } from "./panels.js";
-
-const $ = (id) => document.getElementById(id);
-const el = (tag, props = {}, ...children) => {
-  const it = Object.assign(document.createElement(tag), props);
-  it.append(...children);
-  return it;
-};
+import { $, el, picturesOfFaces } from "./panels.js";
 
 /** The open question as { number }, or null. */
 let open = null;
@@ -19,10 +12,10 @@ function choices(options, answer) {
   return options.map((option, k) => el("button", { textContent: option, className: k ? "" : "main", onclick: () => answer({ answer: "choice", option: k }) }));
 }
 
-/** Shows the last pictures of the faces with their camera and age; `time` is now (s). */
-function showFaces(time) {
+/** Shows the last pictures of the faces with their camera and the time of the run. */
+function showFaces() {
   $("question-pictures").replaceChildren(...picturesOfFaces().map(({ camera, time: at, canvas }) => {
-    const words = `${camera.replaceAll("_", " ")}, ${(time - at).toFixed(0)} s ago`;
+    const words = `${camera.replaceAll("_", " ")}, at ${at.toFixed(0)} s`;
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", `Face of the cube, ${words}`);
     return el("figure", {}, canvas, el("figcaption", { textContent: words }));
@@ -37,21 +30,25 @@ function propose(editor, found) {
   if (!found) return;
   const { colour, facelets } = found;
   const names = facelets.map(nameOf).join(", ");
-  const words = `Only ${COLOUR_NAMES[colour]} is missing, and ${names} ${facelets.length === 1 ? "is" : "are"} in doubt. `;
+  const words = `Only ${COLOUR_NAMES[colour]} is missing, and ${names} ${facelets.length === 1 ? "is" : "are"} open. `;
   const paint = el("button", { id: "question-propose", type: "button", textContent: `Paint ${names} ${COLOUR_NAMES[colour]}` });
-  paint.onclick = () => { for (const i of facelets) editor.paint(i, colour); };
+  paint.onclick = () => {
+    for (const i of facelets) editor.paint(i, colour);
+    // The button is gone now.
+    $("question-send").focus();
+  };
   place.replaceChildren(words, paint);
 }
 
 /** Shows the net to correct, and returns the buttons that answer. */
-function stickers({ read, doubtful }, time, answer) {
+function stickers({ read, doubtful }, answer) {
   const ok = el("button", { id: "question-send", textContent: "Send these colours", className: "main" });
   const editor = new NetEditor($("question-net"), read, doubtful, (right, found, own) => {
     ok.disabled = !right;
     propose(own, found);
   });
   ok.onclick = () => answer({ answer: "stickers", stickers: editor.stickers() });
-  showFaces(time);
+  showFaces();
   return [el("button", { id: "question-decline", textContent: "I do not know", onclick: () => answer({ answer: "declined" }) }), ok];
 }
 
@@ -74,7 +71,7 @@ export function showQuestion(question, time, commands, send) {
     $("question-net").replaceChildren();
     $("question-pictures").hidden = $("question-proposal").hidden = true;
     const answer = (value) => send({ command: "answer", question: question.number, answer: value });
-    const buttons = painted ? stickers(subject, time, answer) : choices(subject.options, answer);
+    const buttons = painted ? stickers(subject, answer) : choices(subject.options, answer);
     // The dialog covers the page's button to take over, so it has its own.
     const take = el("button", { id: "question-take", textContent: "Take over", className: "main", hidden: true, onclick: () => send({ seat: "take" }) });
     $("question-buttons").replaceChildren(take, ...buttons);

@@ -6,9 +6,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Largest norms of force (N) and torque (Nm) at the tool of each arm. A clone has the same ones.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Felt(Arc<Mutex<Vec<(f64, f64)>>>);
+pub(super) struct MeasuredPeaks(Arc<Mutex<Vec<(f64, f64)>>>);
 
-impl Felt {
+impl MeasuredPeaks {
     /// Returns the largest force (N) and torque (Nm) of an arm; zeros without a record of it.
     pub(super) fn peak(&self, arm: usize) -> (f64, f64) {
         let peaks = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -16,7 +16,7 @@ impl Felt {
     }
 }
 
-impl RecordSink for Felt {
+impl RecordSink for MeasuredPeaks {
     fn record(&mut self, record: &ServoRecord) {
         let mut peaks = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let arm = usize::from(record.arm);
