@@ -54,7 +54,7 @@ export function showPhases(phases, over) {
   if (key === phasesShown) return;
   phasesShown = key;
   // Pictures of the cube before its turns would mislead.
-  if (phases.at(-1)?.[0].startsWith("identify")) seen = [];
+  if (phases.at(-1)?.[0] === "solve") seen = [];
   $("phases").replaceChildren(...phases.map(([name, at], i) =>
     el("li", { textContent: name, title: `from ${at.toFixed(1)} s`, className: i === phases.length - 1 && !over ? "now" : "" })));
 }
@@ -189,7 +189,7 @@ const views = [];
 /** Number of pictures with stickers that are kept for a question about the cube. */
 const SEEN = 8;
 /**
- * Latest pictures with a whole face of stickers since the cube is being read, each as
+ * Latest pictures with a whole face of stickers since the last turns, each as
  * { key, camera, time, canvas }.
  */
 let seen = [];

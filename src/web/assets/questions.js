@@ -6,6 +6,8 @@ import { $, el, picturesOfFaces } from "./panels.js";
 
 /** The open question as { number }, or null. */
 let open = null;
+/** Pictures that the dialog shows. */
+let shown = null;
 
 /** Returns the buttons that answer a choice. */
 function choices(options, answer) {
@@ -14,13 +16,15 @@ function choices(options, answer) {
 
 /** Shows the last pictures of the faces with their camera and the time of the run. */
 function showFaces() {
-  $("question-pictures").replaceChildren(...picturesOfFaces().map(({ camera, time: at, canvas }) => {
+  if (shown === picturesOfFaces()) return;
+  shown = picturesOfFaces();
+  $("question-pictures").replaceChildren(...shown.map(({ camera, time: at, canvas }) => {
     const words = `${camera.replaceAll("_", " ")}, at ${at.toFixed(0)} s`;
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", `Face of the cube, ${words}`);
     return el("figure", {}, canvas, el("figcaption", { textContent: words }));
   }));
-  $("question-pictures").hidden = !picturesOfFaces().length;
+  $("question-pictures").hidden = !shown.length;
 }
 
 /** Shows what the counts of the colours suggest, with a button that paints it. */
@@ -48,7 +52,6 @@ function stickers({ read, doubtful }, answer) {
     propose(own, found);
   });
   ok.onclick = () => answer({ answer: "stickers", stickers: editor.stickers() });
-  showFaces();
   return [el("button", { id: "question-decline", textContent: "I do not know", onclick: () => answer({ answer: "declined" }) }), ok];
 }
 
@@ -66,7 +69,7 @@ export function showQuestion(question, time, commands, send) {
   const { subject } = question;
   const painted = subject?.subject === "stickers";
   if (open?.number !== question.number) {
-    open = { number: question.number };
+    [open, shown] = [{ number: question.number }, null];
     $("question-text").textContent = question.text;
     $("question-net").replaceChildren();
     $("question-pictures").hidden = $("question-proposal").hidden = true;
@@ -79,6 +82,8 @@ export function showQuestion(question, time, commands, send) {
     if (!box.open) box.showModal();
     ($("question-net").querySelector("[tabindex='0'].tile") ?? buttons[0])?.focus();
   }
+  // A page that lags gets the last pictures after the question.
+  if (painted) showFaces();
   // The browser closes a dialog at the second Escape, although the page prevents it.
   if (!box.open) box.showModal();
   const left = Math.max(0, question.until - time);
