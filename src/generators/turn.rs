@@ -321,6 +321,11 @@ mod tests {
     use crate::motion::Motion;
     use std::f64::consts::FRAC_PI_2;
 
+    /// Returns the inputs of a period without readings of a sensor, at full pace.
+    fn at_full_pace(arm: &ArmState, period: u64) -> Inputs<'_> {
+        Inputs { arm, target: None, reading: None, period, pace: 1.0 }
+    }
+
     /// Turns a layer that follows without resistance. With `stiff` the turn does not yield to
     /// torque. Returns the outcome and the greatest speed ordered (rad/s).
     fn turned(angle: f64, speed: f64, stiff: bool) -> (Outcome, f64) {
@@ -331,13 +336,7 @@ mod tests {
         let mut turn = Turn::new(order, compliance());
         let (mut arm, mut fastest) = (ArmState::default(), 0.0_f64);
         for period in (0..100_000).step_by(8) {
-            let command = match turn.next(&Inputs {
-                arm: &arm,
-                target: None,
-                reading: None,
-                period,
-                pace: 1.0,
-            }) {
+            let command = match turn.next(&at_full_pace(&arm, period)) {
                 Next::Done(outcome) => return (outcome, fastest),
                 Next::Go(command) => command,
             };
@@ -393,13 +392,7 @@ mod tests {
         let (mut arm, mut fastest) = (ArmState::default(), 0.0_f64);
         arm.wrench_in_tool.torque.z = torque;
         for period in (0..20_000).step_by(8) {
-            let command = match turn.next(&Inputs {
-                arm: &arm,
-                target: None,
-                reading: None,
-                period,
-                pace: 1.0,
-            }) {
+            let command = match turn.next(&at_full_pace(&arm, period)) {
                 Next::Done(outcome) => return (fastest, outcome),
                 Next::Go(command) => command,
             };

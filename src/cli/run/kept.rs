@@ -58,7 +58,7 @@ impl KeptRun {
         match locked {
             Ok(lock) => Ok(Self { folder, _lock: lock }),
             Err(why) => {
-                // Nothing else is in the folder yet.
+                // The folder is still empty.
                 let _ = std::fs::remove_dir_all(&folder);
                 Err(why)
             }

@@ -2,13 +2,8 @@
 // world, base or tool, or by motor; jaws; named poses. It is shown only while the task is idle.
 
 import { keep, kept } from "./settings.js";
+import { $, el } from "./panels.js";
 
-const $ = (id) => document.getElementById(id);
-const el = (tag, props = {}, ...children) => {
-  const it = Object.assign(document.createElement(tag), props);
-  it.append(...children);
-  return it;
-};
 const deg = (rad) => (rad * 180) / Math.PI;
 const rad = (degrees) => (degrees * Math.PI) / 180;
 

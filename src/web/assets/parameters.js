@@ -1,12 +1,7 @@
 // Panel of the parameters that the operator may change while a run goes on: for each a slider, a
 // number, the present value, and a button that orders the scenario's value again.
 
-const $ = (id) => document.getElementById(id);
-const el = (tag, props = {}, ...children) => {
-  const it = Object.assign(document.createElement(tag), props);
-  it.append(...children);
-  return it;
-};
+import { $, el } from "./panels.js";
 
 /** Returns a value as a short text, without trailing zeros. */
 const short = (value) => String(Number(value.toPrecision(4)));
