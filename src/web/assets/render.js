@@ -159,6 +159,7 @@ export class Renderer {
     const gl = canvas.getContext("webgl2", wanted);
     if (!gl) throw new Error("this browser has no WebGL 2");
     this.gl = gl;
+    this.took = 0;
     const shader = (type, source) => {
       const it = gl.createShader(type);
       gl.shaderSource(it, source);
@@ -218,7 +219,7 @@ export class Renderer {
     if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
     const parts = this.sorted(solids, floor);
     gl.enable(gl.SCISSOR_TEST);
-    return views.map(({ eye, target, part }) => {
+    const drawn = views.map(({ eye, target, part }) => {
       const [left, bottom, wide, high] = part.map((share, i) => Math.round(share * (i % 2 ? h : w)));
       gl.viewport(left, bottom, wide, high);
       gl.scissor(left, bottom, wide, high);
@@ -226,6 +227,24 @@ export class Renderer {
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
       return this.view(parts, eye, target, wide / high, haze, detail);
     });
+    this.begun = performance.now();
+    this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    return drawn;
+  }
+
+  /**
+   * Checks whether the last picture is still being drawn. Once it is finished, `took` is the time
+   * that it took (ms).
+   */
+  busy() {
+    const { gl, fence } = this;
+    if (!fence) return false;
+    if (!gl.isContextLost() && gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED) return true;
+    this.took = performance.now() - this.begun;
+    gl.deleteSync(fence);
+    this.fence = null;
+    return false;
   }
 
   /** Returns the numbers of the solids of each shape: first those with a shadow, transparent last. */

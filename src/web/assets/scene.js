@@ -32,6 +32,12 @@ const CLOSE = 0.17;
 const FAR = 1.0;
 /** Height of the close-up as a share of the canvas, and its gap to the edges (px). */
 const INSET = { high: 0.42, gap: 10 };
+/**
+ * A scene is drawn in full detail once it has stood still for as long as this many frames take. A
+ * frame that takes longer than `LONG` (ms) is followed by a rest as long as itself.
+ */
+const SETTLED = 8;
+const LONG = 50;
 /** Time in which the camera moves to a chosen view (ms). */
 const GLIDE = 500;
 
@@ -272,12 +278,16 @@ export class Scene {
     const begun = performance.now();
     // Rendering in software takes CPU time from the robot; 20 frames/s match the rate of snapshots.
     if (this.renderer.software && begun - (this.frames.at(-1) ?? 0) < 44) return;
-    // A scene without motion is not drawn again, once it has been drawn in full detail.
+    if (this.rests(begun)) return;
+    // A scene without motion is drawn once, and then once in full detail.
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     const size = `${this.canvas.clientWidth} ${this.canvas.clientHeight}`;
-    const still = begun - this.since > 150 && !this.goal && this.drawn === JSON.stringify([this.view, size, this.since, dark]);
-    if (still) return;
-    this.drawn = begun - this.since > 90 && !this.goal ? JSON.stringify([this.view, size, this.since, dark]) : "";
+    const state = JSON.stringify([this.view, size, this.since, dark]);
+    const still = this.goal ? 0 : begun - this.since;
+    const settled = still > Math.max(90, SETTLED * this.renderer.took);
+    if (still > 150 && this.drawn === state && (this.sharp || !settled)) return;
+    this.sharp = settled;
+    this.drawn = still > 90 ? state : "";
     const t = Math.max(0, Math.min(1, (begun - this.since) / 60));
     const pose = (path) => {
       const [a, b] = [path(this.before), path(this.now)];
@@ -299,6 +309,19 @@ export class Scene {
     if (view) this.name(view, pose);
     this.frames.push(begun);
     while (this.frames[0] < begun - 2000) this.frames.shift();
+  }
+
+  /**
+   * Checks whether no frame is drawn now: the last one is not finished, or has just taken long. A
+   * browser without a graphics processor draws the whole page by the same thread, and buttons and
+   * texts would wait behind a queue of frames.
+   */
+  rests(now) {
+    const { renderer } = this;
+    const was = renderer.fence;
+    if (renderer.busy()) return true;
+    if (was && renderer.took > LONG) this.until = now + Math.min(renderer.took, 1000);
+    return now < (this.until ?? 0);
   }
 
   /** Returns the colours of the page, read again after a change between light and dark. */
@@ -323,8 +346,7 @@ export class Scene {
       // The load may have been temporary, so a finer level is tried after 20 s.
       else if (rate > 18 && this.level > 1 && now - (this.tried ?? 0) > 20000) [this.level, this.tried] = [this.level - 1, now];
     }
-    // The last frame before the motion stops is drawn in full detail.
-    if (this.drawn) return { ratio: 2, shadows: true, fine: true };
+    if (this.sharp) return { ratio: 2, shadows: true, fine: true };
     return [{ ratio: 2, shadows: true }, { ratio: 1, shadows: true }, { ratio: 1, shadows: false }, { ratio: 0.75, shadows: false }][this.level];
   }
 
