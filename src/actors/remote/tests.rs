@@ -57,6 +57,12 @@ struct Rig {
     notices: mpsc::Receiver<Notice>,
 }
 
+/// Waits for what must happen within 30 s of the virtual clock. Without a limit a broken link would
+/// hang its test.
+async fn soon<T>(awaited: impl Future<Output = T>) -> T {
+    tokio::time::timeout(Duration::from_secs(30), awaited).await.expect("it happens within 30 s")
+}
+
 /// Makes services with a clock that begins now, and the receiver of their notices.
 fn services(
     switches: &Arc<Switches>,
@@ -176,7 +182,7 @@ async fn rig_over([near, far]: [(Arc<dyn Link>, Parcels); 2]) -> Rig {
         stopped: Arc::default(),
         cameras: [].into(),
     };
-    home.start(receiver, watch).await.unwrap();
+    soon(home.start(receiver, watch)).await.unwrap();
     tokio::time::sleep(Duration::from_millis(200)).await;
     Rig {
         ecp,
@@ -210,7 +216,7 @@ async fn requests_cross_and_periods_are_those_of_home() {
     let ordered = clock.period();
     let target = ArmState::default().joints;
     let behaviour = Behaviour::Joints { target, speed: 1.0, seconds: 0.1 };
-    let (outcome, state) = ecp.behave(behaviour).await.unwrap();
+    let (outcome, state) = soon(ecp.behave(behaviour)).await.unwrap();
     assert!(matches!(outcome, Outcome::Reached | Outcome::Ended), "{outcome:?}");
     assert!(state.period > ordered);
     assert!(*taken.borrow() + 500 >= ordered, "{} for {ordered}", *taken.borrow());
@@ -235,7 +241,7 @@ async fn dead_node_is_a_system_error_in_time() {
     let died = tokio::time::Instant::now();
     node.abort();
 
-    let error = watchdog.raised().await;
+    let error = soon(watchdog.raised()).await;
 
     assert!(error.to_string().contains("node b"), "{error}");
     assert!(matches!(error, Error::System { cause: System::Silent { .. }, .. }));
@@ -256,7 +262,7 @@ async fn node_without_home_stops_its_heartbeat() {
     home.silence();
     tokio::time::sleep(2 * BEAT).await;
     let beats = there.beats.load(Ordering::Relaxed);
-    let left = node.await.unwrap();
+    let left = soon(node).await.unwrap();
 
     assert_eq!(there.beats.load(Ordering::Relaxed), beats);
     assert_eq!(left, Left::Alone("no beat of MP's node in 2 s".into()));
@@ -309,7 +315,7 @@ async fn notices_of_node_reach_the_operator() {
     let shown = super::message::Shown { camera: 4, period: 1, found, file };
     there_sender.send(&ToHome::Picture(shown));
 
-    let told = [notices.recv().await, notices.recv().await].map(Option::unwrap);
+    let told = [soon(notices.recv()).await, soon(notices.recv()).await].map(Option::unwrap);
 
     let [Notice::Elsewhere(at, _, who, text), Notice::Elsewhere(.., why)] = &told else {
         panic!("{told:?}")
@@ -371,13 +377,13 @@ async fn late_link_stops_both_ends() {
         // The link goes on as it is.
         std::future::pending::<()>().await;
     });
-    let error = watchdog.raised().await;
+    let error = soon(watchdog.raised()).await;
     assert!(begun.elapsed() < GONE / 2, "{:?}", begun.elapsed());
     tokio::time::sleep(Duration::from_millis(1200)).await;
     let beats = there.beats.load(Ordering::Relaxed);
 
     assert!(error.to_string().contains("node b"), "{error}");
-    assert_eq!(node.await.unwrap(), Left::Alone("no beat of MP's node in 2 s".into()));
+    assert_eq!(soon(node).await.unwrap(), Left::Alone("no beat of MP's node in 2 s".into()));
     assert_eq!(there.beats.load(Ordering::Relaxed), beats);
 }
 
@@ -390,9 +396,9 @@ async fn error_of_node_ends_the_run() {
     there_watchdog.raise(error.clone());
 
     let mut listens = watchdog.listen();
-    assert_eq!(raised(&mut listens).await, error);
+    assert_eq!(soon(raised(&mut listens)).await, error);
     home.dismiss();
-    assert_eq!(node.await.unwrap(), Left::Failed(error));
+    assert_eq!(soon(node).await.unwrap(), Left::Failed(error));
 }
 
 #[tokio::test(start_paused = true)]
