@@ -57,7 +57,17 @@
 //! randomness and configuration are arguments. The emergency stop is the one exception: a flag that
 //! threads share.
 
+/// Code of the book, compiled as tests.
+#[cfg(doctest)]
+mod book {
+    #[doc = include_str!("../docs/task.md")]
+    struct Task;
+    #[doc = include_str!("../docs/generators.md")]
+    struct Generators;
+}
+
 pub use app::App;
+pub use nalgebra;
 pub use rubik_robot_solver as solver;
 pub use rubik_robot_vision as vision;
 pub use rubik_robot_vocabulary::{cell, cube, kinematics, motion, spatial};

@@ -51,6 +51,12 @@ impl fmt::Display for Hindrance {
     }
 }
 
+impl From<String> for Hindrance {
+    fn from(reason: String) -> Self {
+        Self(reason)
+    }
+}
+
 /// State behind the port of a [`Robot`].
 #[derive(Debug, Default)]
 pub struct Board {

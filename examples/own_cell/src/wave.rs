@@ -77,7 +77,7 @@ async fn apart(robot: Robot, keys: Keys) -> Result<String, Hindrance> {
     let arms = robot.arms().len();
     for arm in 0..arms {
         let programme = WaveAlone::programme("wave_alone", &(keys.times, keys.swing));
-        robot.start(arm, programme.map_err(Hindrance)?).await?;
+        robot.start(arm, programme?).await?;
     }
     let mut failed = Vec::new();
     for _ in 0..arms {
@@ -98,7 +98,7 @@ async fn apart(robot: Robot, keys: Keys) -> Result<String, Hindrance> {
 /// Nods with the first arm.
 async fn nod(robot: &Robot, angle: f64) -> Result<(), Hindrance> {
     let order = NodOrder { joint: NODS, angle, seconds: 2.0 };
-    let nod = Nod::behaviour("nod", &order).map_err(Hindrance)?;
+    let nod = Nod::behaviour("nod", &order)?;
     robot.behave(0, nod).await?;
     Ok(())
 }

@@ -51,6 +51,32 @@ fn blocks_of_tutorial_are_lines_of_the_example() {
     }
 }
 
+/// The page about orders and readings names each method of `Robot`, and each behaviour.
+#[test]
+fn page_of_tasks_names_each_order() {
+    let read = |path: &str| std::fs::read_to_string(folder().join("../..").join(path)).unwrap();
+    let (page, robot) = (read("docs/task.md"), read("src/kernel/robot.rs"));
+    let behaviours = read("src/generators/behaviour.rs");
+    let (_, list) = behaviours.split_once("pub enum Behaviour {").unwrap();
+    let (list, _) = list.split_once("\n}").unwrap();
+    let variants = list.lines().filter(|l| l.starts_with("    ") && !l.starts_with("     "));
+    let names = |line: &str| line.trim().split([' ', '(', '<', ',']).next().unwrap().to_owned();
+    let variants = variants.map(names).filter(|name| name.starts_with(char::is_uppercase));
+    let methods = robot.lines().filter_map(|line| {
+        let line = line.strip_prefix("    pub ")?;
+        let line = line.strip_prefix("async ").unwrap_or(line).strip_prefix("fn ")?;
+        Some(names(line))
+    });
+    // `kernel` makes the task; it is in the tutorial.
+    let wanted: Vec<_> = variants.chain(methods).filter(|name| name != "kernel").collect();
+
+    assert!(wanted.len() > 30, "{wanted:?}");
+    for name in wanted {
+        let said = [format!("`{name}"), format!("`robot.{name}")];
+        assert!(said.iter().any(|words| page.contains(words)), "docs/task.md lacks `{name}`");
+    }
+}
+
 /// The tutorial ends with the number of lines of its parts, as `scripts/lines` counts them.
 #[test]
 fn table_of_tutorial_counts_its_code() {

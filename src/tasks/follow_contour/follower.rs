@@ -96,7 +96,7 @@ async fn piece(robot: &Robot, order: &ContourOrder) -> Result<Outcome, Hindrance
     if touch_down(robot, (SLOW, TOUCH * order.force), REACH).await? == Outcome::NotTouched {
         return Err(Hindrance("there is no contour below the probe".to_owned()));
     }
-    robot.behave(0, Contour::behaviour("contour", order).map_err(Hindrance)?).await
+    robot.behave(0, Contour::behaviour("contour", order)?).await
 }
 
 /// Returns the root mean square of the errors of two pieces (N), each weighted by its length.

@@ -23,9 +23,9 @@ const PICKER: usize = 1;
 pub fn follow_contour(follower: FollowerOrder, picker: PickerOrder) -> RobotKernel {
     Robot::kernel(move |robot| async move {
         robot.phase("contour").await?;
-        let programme = Follower::programme(FOLLOW, &follower).map_err(Hindrance)?;
+        let programme = Follower::programme(FOLLOW, &follower)?;
         robot.start(FOLLOWER, programme).await?;
-        let programme = Picker::programme(PICK, &picker).map_err(Hindrance)?;
+        let programme = Picker::programme(PICK, &picker)?;
         robot.start(PICKER, programme).await?;
         // The arms meet only once both are done with their own work.
         hear(&robot, vec![(FOLLOWER, signals::FOLLOWED), (PICKER, signals::HOLDS)]).await?;

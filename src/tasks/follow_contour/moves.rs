@@ -177,7 +177,7 @@ pub(super) async fn touch_down(
 ) -> Result<Outcome, Hindrance> {
     let (frame, direction) = (Frame::Base, -Vector3::z());
     let order = GuardedOrder { frame, direction, speed, force, distance };
-    robot.behave(0, Guarded::behaviour("guarded", &order).map_err(Hindrance)?).await
+    robot.behave(0, Guarded::behaviour("guarded", &order)?).await
 }
 
 /// Checks that the jaws stay as far open as a part is wide. Empty jaws swing about the end of their

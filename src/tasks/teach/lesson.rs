@@ -101,7 +101,7 @@ async fn taught(robot: &Robot, lesson: &Lesson) -> Result<Way, Hindrance> {
     let (arm, name) = &lesson.arm;
     robot.bias((0..robot.arms().len()).map(|other| other == *arm).collect()).await?;
     let order = GuideOrder { still: Some(lesson.still), interval: INTERVAL };
-    let order = Guide::behaviour("guide", &order).map_err(Hindrance)?;
+    let order = Guide::behaviour("guide", &order)?;
     robot.tell(format!("lead the arm {name} by hand; {} s of rest end the way", lesson.still));
     let until = robot.now() + lesson.patience;
     let records = loop {
@@ -192,7 +192,7 @@ async fn once(robot: &Robot, lesson: &Lesson, points: &[Point]) -> Result<(), Hi
     let Some((first, rest)) = points.split_first() else { return Ok(()) };
     let start = Behaviour::Joints { target: first.joints, speed: APPROACH, seconds: 0.0 };
     robot.behave(lesson.arm.0, start).await?;
-    for motion in motions(first, rest, lesson.by, lesson.speed).map_err(Hindrance)? {
+    for motion in motions(first, rest, lesson.by, lesson.speed)? {
         robot.behave(lesson.arm.0, motion).await?;
     }
     Ok(())
