@@ -6,6 +6,9 @@ import { $, el } from "./panels.js";
 /** Returns a value as a short text, without trailing zeros. */
 const short = (value) => String(Number(value.toPrecision(4)));
 
+/** Time for which a slider shows the value that a key has given it (ms). */
+const KEYED = 1000;
+
 /** The panel, with a row for each parameter. */
 export class Parameters {
   constructor(send) {
@@ -37,7 +40,11 @@ export class Parameters {
       const sign = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
       if (!sign || slider.disabled) return;
       event.preventDefault();
-      order(Math.min(it.most, Math.max(it.least, Number(slider.value) + sign * step)));
+      // The next key may come before the order is obeyed, and counts from this value.
+      slider.value = String(Math.min(it.most, Math.max(it.least, Number(slider.value) + sign * step)));
+      slider.oninput();
+      row.keyed = performance.now();
+      order(Number(slider.value));
     };
     // The program checks the bounds: the page shows its reason.
     number.onchange = () => {
@@ -49,7 +56,8 @@ export class Parameters {
     const usual = el("button", { textContent: `default ${short(it.usual)}`, onclick: () => order(it.usual) });
     const unit = el("span", { className: "quiet", textContent: it.unit });
     const element = el("div", { className: "row" }, name, slider, marks, number, unit, value, usual);
-    return { it, fixed, element, slider, number, value, usual };
+    const row = { it, fixed, element, slider, number, value, usual, keyed: -Infinity };
+    return row;
   }
 
   /** Shows the present values. `may` says whether this page may order values now. */
@@ -57,13 +65,14 @@ export class Parameters {
     const shown = snapshot.services.parameters && this.rows.length > 0;
     $("parameters").hidden = !shown;
     if (!shown) return;
-    this.rows.forEach(({ it, fixed, slider, number, value, usual }, index) => {
+    this.rows.forEach(({ it, fixed, slider, number, value, usual, keyed }, index) => {
       const now = snapshot.parameters[index];
       if (!now) return;
       for (const input of [slider, number]) input.disabled = fixed || !may;
       usual.disabled = fixed || !may || now.ordered === it.usual;
       // A control that the operator uses keeps what it shows.
-      if (document.activeElement !== slider || !slider.matches(":active")) slider.value = String(now.ordered);
+      const used = document.activeElement === slider && (slider.matches(":active") || performance.now() - keyed < KEYED);
+      if (!used) slider.value = String(now.ordered);
       if (document.activeElement !== number) number.value = short(now.ordered);
       const text = now.value === now.ordered ? "" : `now ${short(now.value)}`;
       if (value.textContent !== text) value.textContent = text;
