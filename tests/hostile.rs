@@ -292,7 +292,7 @@ fn malformed_scrambles_do_not_panic() {
 /// Sets all checksums of a recording to 0, which means none. Otherwise the reader would stop at the
 /// first checksum after a corruption.
 fn without_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
-    let mut at = 8;
+    let mut at = 8_usize;
     while let Some(head) = bytes.get(at..at.saturating_add(9)) {
         let kind = head[0];
         let length = u64::from_le_bytes(head[1..].try_into().unwrap());
