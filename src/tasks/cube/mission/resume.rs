@@ -10,8 +10,7 @@
 //! | limit | value | reason |
 //! |---|---|---|
 //! | [`LEAST_HELD`] | 0.945 edge | between closed jaws and the least width of a held cube |
-//! | [`STRAIGHT`] | 0.03 rad | above the errors of the bases: after a layer that was off by 0.09 rad |
-//! | | | the other hand could not read the cube (2 of 100 killed missions) |
+//! | [`STRAIGHT`] | 0.03 rad | above the errors of the bases; with 0.1, 2 of 100 kills failed |
 //! | [`TAKE_BACK_SECONDS`] | 3 s | the operator may take the cube that was being handed back |
 //! | [`SEEK_SECONDS`] | 5 s | an operator who wants that cube solved holds it out again |
 //!
