@@ -43,8 +43,13 @@ enum Phase {
     Outside,
     /// Brings the cube and holds it.
     Bringing { since: f64 },
-    /// Withdraws the cube and comes again.
-    DrawingBack { since: f64 },
+    /// Withdraws the cube and comes again. `apart` is the displacement of the cube at the start, in
+    /// the world (m), by which the path of the withdrawal and the cube's pose differ.
+    DrawingBack {
+        since: f64,
+        #[serde(default)]
+        apart: Vector3<f64>,
+    },
     /// Leaves without the cube.
     Leaving { since: f64, from: Frame },
     /// Out of the cell, empty.
@@ -192,7 +197,7 @@ impl OperatorHand {
         let mut phase = self.phase;
         match &mut phase {
             Phase::Bringing { since }
-            | Phase::DrawingBack { since }
+            | Phase::DrawingBack { since, .. }
             | Phase::Leaving { since, .. }
             | Phase::Coming { since, .. }
             | Phase::Taking { since, .. }
@@ -237,12 +242,10 @@ impl OperatorHand {
                 let left = 1.0 - minimum_jerk((t - since) / s.arrival);
                 Some(moved(&self.place, out * left + self.sway_and_tremor(t, since + s.arrival)))
             }
-            Phase::DrawingBack { since } => {
-                let x = t - since;
-                // One second away, a stay, and one second back.
-                let there = minimum_jerk(x) - minimum_jerk(x - 1.0 - AWAY);
-                let back = out.normalize() * (s.withdrawal * there);
-                Some(moved(&self.place, back + self.sway_and_tremor(t, since + 2.0 + AWAY)))
+            Phase::DrawingBack { since, apart } => {
+                // The path begins where the cube is.
+                let apart = apart * (1.0 - minimum_jerk(t - since));
+                Some(moved(&self.place, apart + self.withdrawn(t, since)))
             }
             Phase::Taking { since, from } => {
                 // The aim moves away by pull / stiffness: the spring of the hold makes the force.
@@ -289,23 +292,38 @@ impl OperatorHand {
         self.phase == Phase::Done
     }
 
-    /// Makes a hand that offers the cube withdraw it at `t` (s) and offer it again. A hand that
-    /// comes for the cube or takes it leaves without it.
+    /// Makes a hand that brings or offers the cube withdraw it at `t` (s) and offer it again. A
+    /// hand that comes for the cube or takes it leaves without it.
     pub(super) fn draw_back(&mut self, t: f64) {
         match self.phase {
-            Phase::Outside | Phase::Bringing { .. } | Phase::DrawingBack { .. } => {
-                self.phase = Phase::DrawingBack { since: t };
-            }
+            Phase::Bringing { .. } | Phase::DrawingBack { .. } => self.withdraw(t),
             Phase::Coming { to: from, .. } | Phase::Taking { from, .. } => {
                 self.phase = Phase::Leaving { since: t, from };
                 self.let_go_at = t;
             }
-            Phase::Leaving { .. }
+            Phase::Outside
+            | Phase::Leaving { .. }
             | Phase::Gone
             | Phase::Carrying { .. }
             | Phase::Done
             | Phase::Absent => {}
         }
+    }
+
+    /// Begins to withdraw the cube at `t` (s), from where the hand holds it.
+    fn withdraw(&mut self, t: f64) {
+        let Some(held) = self.hold(t) else { return };
+        let apart = held.p - self.place.p - self.withdrawn(t, t);
+        self.phase = Phase::DrawingBack { since: t, apart };
+    }
+
+    /// Returns the displacement of the cube from its place at `t` (s), in m, in a withdrawal that
+    /// began at `since` (s): one second away, [`AWAY`] of rest, and one second back.
+    fn withdrawn(&self, t: f64, since: f64) -> Vector3<f64> {
+        let x = t - since;
+        let there = minimum_jerk(x) - minimum_jerk(x - 1.0 - AWAY);
+        let back = self.script.start_offset.normalize() * (self.script.withdrawal * there);
+        back + self.sway_and_tremor(t, since + 2.0 + AWAY)
     }
 
     /// Chooses the hand's activity at the end of a period, at `t` (s), from what the operator sees.
@@ -330,7 +348,9 @@ impl OperatorHand {
             Phase::Outside if t >= s.appears => self.phase = Phase::Bringing { since: s.appears },
             Phase::Bringing { since } => self.offer(t, since + s.arrival, sight, &lasting),
             // A withdrawal takes 1 s out, `AWAY`, and 1 s back.
-            Phase::DrawingBack { since } => self.offer(t, since + (2.0 + AWAY), sight, &lasting),
+            Phase::DrawingBack { since, .. } => {
+                self.offer(t, since + (2.0 + AWAY), sight, &lasting)
+            }
             Phase::Leaving { since, .. } if t > since + EMPTY_TRIP => self.phase = Phase::Gone,
             // A cube that fell is brought once more, as at first.
             Phase::Gone if fallen >= s.picks_up_after => {
@@ -376,7 +396,7 @@ impl OperatorHand {
             && t > arrived + 0.5 * s.stills
         {
             self.withdrawals_left -= 1;
-            self.phase = Phase::DrawingBack { since: t };
+            self.withdraw(t);
         }
     }
 
@@ -473,6 +493,31 @@ mod tests {
             let each = calm.sqrt() / 3_f64.sqrt();
             assert!((0.2e-3..0.5e-3).contains(&each), "{each}");
             assert!(moving > 4.0 * calm);
+        }
+    }
+
+    #[test]
+    fn withdrawal_begins_without_jump() {
+        for seed in 0..20 {
+            // In the middle of the way, at the arrival, in a calm hand, and in a withdrawal.
+            for begin in [2.5, 5.0, 20.0] {
+                let mut hand = hand(seed);
+                hand.phase = Phase::Bringing { since: 1.0 };
+                for t in [begin, begin + 0.4, begin + 3.5] {
+                    let before = hand.hold(t).unwrap().p;
+                    hand.draw_back(t);
+                    assert!((hand.hold(t).unwrap().p - before).norm() < 1e-12, "{begin}, {t}");
+                }
+
+                let at = |t: f64| hand.hold(t).unwrap().p;
+                let fastest = (0..500)
+                    .map(|i| begin + 3.5 + 0.002 * f64::from(i))
+                    .map(|t| (at(t + 0.002) - at(t)).norm() / 0.002)
+                    .fold(0.0, f64::max);
+                assert!(fastest < 1.0, "{fastest} m/s");
+                let away = (at(begin + 5.5) - hand.place.p).norm();
+                assert!((away - hand.script.withdrawal).abs() < 0.02, "{away} m");
+            }
         }
     }
 
