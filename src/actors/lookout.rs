@@ -8,6 +8,7 @@
 
 use super::notice::Notice;
 use super::services::Services;
+use crate::cell::MOST_ARMS;
 use crate::emergency_stop::StopButton;
 use crate::error::{Error, Fatal};
 use crate::motion::{ArmState, PERIOD, Synchronisation};
@@ -105,7 +106,8 @@ pub(crate) async fn run_lookout(
     let present = || watched.iter().map(|arm| *arm.state.borrow()).collect::<Vec<ArmState>>();
     let known = |arms: &[ArmState], i: usize| arms.get(i).is_some_and(is_known);
     let distances = |guard: &Guard, arms: &[ArmState]| {
-        guard.distances([0, 1].map(|i| known(arms, i).then(|| &arms[i].desired_joints)))
+        let joints = |i: usize| known(arms, i).then(|| &arms[i].desired_joints);
+        guard.distances::<MOST_ARMS>(std::array::from_fn(joints))
     };
     let mut past: Vec<Past> = watched.iter().map(|_| Past::default()).collect();
     let mut last = present();
@@ -129,8 +131,8 @@ pub(crate) async fn run_lookout(
         let mut both = (0..arms.len()).filter(|&i| known(&last, i) && known(&arms, i));
         let slow = both.try_for_each(slow);
         // A hand counts with a cube if its jaws are as wide as one.
-        let openings = [0, 1].map(|i| known(&arms, i).then(|| arms[i].jaw_opening));
-        guard.holding(openings);
+        let opening = |i: usize| known(&arms, i).then(|| arms[i].jaw_opening);
+        guard.holding::<MOST_ARMS>(std::array::from_fn(opening));
         let mut now = distances(&guard, &arms);
         if !apart.0.load(Ordering::Acquire) {
             // The hands are to meet, so their distance does not count. The distance to keep later

@@ -7,6 +7,7 @@
 //! - thresholds of places and speeds: those of [`crate::reach::guard`]
 
 use super::move_instruction::Manner;
+use crate::cell::{MOST_ARMS, PerArm};
 use crate::error::NonFatal;
 use crate::generators::Behaviour;
 use crate::generators::legs::{Leg, Legs};
@@ -25,23 +26,23 @@ const ROUNDS: u32 = 40;
 /// Largest ratio of a speed to its limit that counts as slow enough; it leaves room for rounding.
 const ENOUGH: f64 = 1.0 + 1e-9;
 
-/// State of the two guarded arms as the checks need it.
+/// State of the guarded arms as the checks need it.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Known<'a> {
     /// States of the synchronised arms.
-    pub(super) arms: [Option<&'a ArmState>; 2],
+    pub(super) arms: PerArm<Option<&'a ArmState>>,
     /// Tool frame of each arm that is in force (`flange_from_tool`), where a task has changed it.
-    pub(super) tools: [Option<Pose>; 2],
+    pub(super) tools: PerArm<Option<Pose>>,
     /// Parameters of the generators of the arms that have an order.
-    pub(super) manners: [Option<&'a Manner>; 2],
+    pub(super) manners: PerArm<Option<&'a Manner>>,
 }
 
-/// Courses that registered generators of the two arms have declared; `None` without one.
-pub(super) type Forecasts = [Option<Arc<Forecast>>; 2];
+/// Courses that registered generators of the arms have declared; `None` without one.
+pub(super) type Forecasts = PerArm<Option<Arc<Forecast>>>;
 
 /// Returns a guard with the present openings of the jaws, from which it concludes which hands hold
 /// a cube.
-pub(super) fn present(guard: &Guard, arms: [Option<&ArmState>; 2]) -> Guard {
+pub(super) fn present(guard: &Guard, arms: PerArm<Option<&ArmState>>) -> Guard {
     let mut guard = guard.clone();
     guard.holding(arms.map(|arm| arm.map(|arm| arm.jaw_opening)));
     guard
@@ -98,7 +99,7 @@ fn check_paths(
 }
 
 /// Gives more time to ordered motions that are too fast near the operator's hand or for a motor.
-/// The times of both arms get the same factor, since their paths are free only if both arms have
+/// The times of all arms get the same factor, since their paths are free only if all arms have
 /// done the same share of them at each moment. A visual servo keeps its own speed, because its path
 /// is unknown beforehand.
 fn slow_down(
@@ -111,7 +112,7 @@ fn slow_down(
     let ways = paths_of(guard, known, orders, forecasts, path);
     let Known { arms: known, manners, .. } = known;
     // A duration of 0 marks a behaviour without a known path, which is left as it is.
-    let lasts: [f64; 2] = std::array::from_fn(|i| match (orders.get(i), manners[i], known[i]) {
+    let lasts: PerArm<f64> = std::array::from_fn(|i| match (orders.get(i), manners[i], known[i]) {
         (Some(Some(order)), Some(manner), Some(arm)) => {
             forecasts[i].as_ref().map_or_else(|| manner.seconds(order, arm), |f| f.seconds)
         }
@@ -132,13 +133,14 @@ fn slow_down(
                     .max(course()?.motor_speed_factor(seconds, share)),
             )
         };
-        (0..2).filter(|&i| lasts[i] > 0.0).filter_map(too_fast).fold(1.0, f64::max)
+        (0..MOST_ARMS).filter(|&i| lasts[i] > 0.0).filter_map(too_fast).fold(1.0, f64::max)
     });
     // Orders that are slow enough stay as they were, to the bit.
     if slower <= 1.0 {
         return;
     }
-    for (i, order) in orders.iter_mut().take(2).enumerate().filter(|(i, _)| lasts[*i] > 0.0) {
+    for (i, order) in orders.iter_mut().take(MOST_ARMS).enumerate().filter(|(i, _)| lasts[*i] > 0.0)
+    {
         if let Some(Behaviour::Own(own)) = order {
             own.fraction /= slower;
         } else if let (Some(order), Some(manner), Some(arm)) = (order, manners[i], known[i]) {
@@ -249,7 +251,7 @@ impl<'a> JointsMove<'a> {
             }
             _ => None,
         };
-        (0..2).filter_map(of_arm).collect()
+        (0..MOST_ARMS).filter_map(of_arm).collect()
     }
 
     /// Returns the joint positions of the arm after the share `share` of its path, 0 to 1.
@@ -264,7 +266,7 @@ impl<'a> JointsMove<'a> {
     }
 }
 
-/// Returns the ordered paths of both arms, each as `path` makes it from order and state. An arm
+/// Returns the ordered paths of all arms, each as `path` makes it from order and state. An arm
 /// that is not synchronised counts as staying where it is.
 fn paths_of(
     guard: &Guard,
@@ -272,8 +274,8 @@ fn paths_of(
     orders: &[Option<Behaviour>],
     forecasts: &Forecasts,
     path: impl Fn(Option<&Behaviour>, &ArmState) -> PlannedMotion,
-) -> [PlannedMotion; 2] {
-    [0, 1].map(|i: usize| {
+) -> PerArm<PlannedMotion> {
+    std::array::from_fn(|i| {
         let order = orders.get(i).and_then(Option::as_ref);
         // The guard knows the tool frame of the cell alone, whose body no frame changes.
         let cell = guard.flange_from_tool(i);

@@ -5,7 +5,7 @@
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, clash, refuse, save};
-use crate::cell::Mount;
+use crate::cell::{MOST_ARMS, Mount};
 use crate::cube::{Axis, Face, Facelets, Keeper};
 use crate::hw::plant::render::{Look, Renderer, Setting, picture as overview};
 use crate::hw::scene::{MOST_OBJECTS, Scene, SceneArm, SceneCube};
@@ -143,7 +143,7 @@ pub(super) fn during(snapshot: &Snapshot, controller: &ControllerConfig) -> Opti
         })
     };
     let arms: Vec<SceneArm> = snapshot.arms.iter().map(arm).collect::<Option<_>>()?;
-    let (first, last) = (*arms.first()?, *arms.last()?);
+    let last = arms.len().checked_sub(1)?;
     let facelets: Facelets = snapshot.cube.facelets.parse().ok()?;
     // A turn is clockwise seen from outside, which is a negative angle about a positive axis.
     let turned = snapshot.cube.turned.and_then(|turn| {
@@ -161,8 +161,9 @@ pub(super) fn during(snapshot: &Snapshot, controller: &ControllerConfig) -> Opti
             facelets: *facelets.colours(),
             turned: turned.unwrap_or((Axis::Z, 0.0, 0.0)),
         },
-        arms: [first, last],
-        arm_count: arms.len().min(2),
+        // The entries beyond `arm_count` repeat the last arm.
+        arms: std::array::from_fn(|i| arms[i.min(last)]),
+        arm_count: arms.len().min(MOST_ARMS),
         hand: None,
         // The controller's recording has no objects of the plant.
         objects: [None; MOST_OBJECTS],
@@ -186,7 +187,7 @@ fn before(controller: &ControllerConfig, cube: &Facelets) -> Scene {
             }
         })
         .collect();
-    // A scene has two arms: a cell with one arm repeats it, and `arm_count` says so.
+    // The entries beyond `arm_count` repeat the last arm.
     let at = |i: usize| arms[i.min(arms.len() - 1)];
     Scene {
         period: 0,
@@ -197,7 +198,7 @@ fn before(controller: &ControllerConfig, cube: &Facelets) -> Scene {
             facelets: *cube.colours(),
             turned: (Axis::Z, 0.0, 0.0),
         },
-        arms: [at(0), at(1)],
+        arms: std::array::from_fn(at),
         arm_count: arms.len(),
         hand: (cell.keeper == Keeper::Person).then_some(cell.hand.world_from_cube),
         objects: [None; MOST_OBJECTS],

@@ -2,6 +2,7 @@
 //!
 //! It is a plain snapshot, so that rendering can run on another thread than the physics, or later.
 
+use crate::cell::PerArm;
 use crate::cube::Axis;
 use crate::spatial::Pose;
 
@@ -16,7 +17,7 @@ pub struct Scene {
     /// The cube's body.
     pub cube: SceneCube,
     /// Joint frames and gripper of each effector; only the first `arm_count` entries count.
-    pub arms: [SceneArm; 2],
+    pub arms: PerArm<SceneArm>,
     /// Number of effectors that exist.
     pub arm_count: usize,
     /// The operator's hand, with its origin at the cube's far side, which it touches, and the axes

@@ -1,7 +1,7 @@
-//! A guard over both arms. It checks where they may be, which paths they may take, and how fast
+//! A guard over all arms. It checks where they may be, which paths they may take, and how fast
 //! they may be near the operator's hand.
 //!
-//! - in: the believed cell, the joint positions of both arms, the paths that are asked for
+//! - in: the believed cell, the joint positions of all arms, the paths that are asked for
 //! - out: the first pair of bodies that would come too near; the factor by which a path exceeds the
 //!   speed limit near the operator's hand, or that of the motors
 //! - the bodies are the capsules of `bodies`, as in the search for meetings
@@ -26,7 +26,7 @@
 
 use super::bodies::{Bodies, at_the_cube, hands};
 use super::motors::{MOMENTS, MOTORS, farthest_turn};
-use crate::cell::Cell;
+use crate::cell::{Cell, MOST_ARMS, PerArm};
 use crate::cube::Keeper;
 use crate::generators::legs::Legs;
 use crate::generators::own::{Forecast, Place as Forecasted, Places};
@@ -100,7 +100,20 @@ pub struct Guard {
     /// Whether the hands are never to meet at a cube: see [`Guard::by_hand`].
     never_meet: bool,
     /// Whether each hand may hold a cube: see [`Guard::holding`].
-    hold: [bool; 2],
+    hold: PerArm<bool>,
+}
+
+/// Number of distances that belong to one arm each, for all arms: table, own links, zone.
+const OF_ARMS: usize = 3 * MOST_ARMS;
+/// Number of all distances: those of one arm each, between the arms, and between the hands.
+const DISTANCES: usize = OF_ARMS + 3;
+
+/// Distance between two arms (m), each with its index.
+type Measure<'a> = dyn Fn((usize, &Bodies), (usize, &Bodies)) -> f64 + 'a;
+
+/// Returns the values of the first `N` arms, and `rest` for all others.
+fn per_arm<T: Copy, const N: usize>(first: [T; N], rest: T) -> PerArm<T> {
+    std::array::from_fn(|i| first.get(i).copied().unwrap_or(rest))
 }
 
 /// Distances of all guarded bodies from the obstacles that they must not touch (m); `None` for an
@@ -108,27 +121,36 @@ pub struct Guard {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Distances {
     /// Height of each arm above the table.
-    table: [Option<f64>; 2],
+    table: PerArm<Option<f64>>,
     /// Distance of each hand from its own arm's links.
-    own: [Option<f64>; 2],
+    own: PerArm<Option<f64>>,
     /// Distance of each arm from the operator's zone; `None` without a person.
-    zone: [Option<f64>; 2],
-    /// Distance between the arms, without the parts that meet at one cube.
+    zone: PerArm<Option<f64>>,
+    /// Least distance between two arms, without the parts that meet at one cube.
     arms: Option<f64>,
-    /// Distance between the parts that meet at one cube: fingers and cube with the other hand.
+    /// Least distance between the parts that meet at one cube: fingers and cube with another hand.
     hands: Option<f64>,
+    /// The same distance of the pair of hands that is nearest to each other after that one; `None`
+    /// with two arms.
+    next_hands: Option<f64>,
 }
 
 impl Distances {
-    /// Returns all distances (m): of both arms from the table, of both hands from their own links,
-    /// of both arms from the operator's zone, between the arms, and between the hands.
-    fn all(&self) -> [Option<f64>; 8] {
-        let Self { table, own, zone, arms, hands } = *self;
-        [table[0], table[1], own[0], own[1], zone[0], zone[1], arms, hands]
+    /// Returns all distances (m): of each arm from the table, of each hand from its own links, of
+    /// each arm from the operator's zone, between the arms, and between the hands.
+    fn all(&self) -> [Option<f64>; DISTANCES] {
+        let Self { table, own, zone, arms, hands, next_hands } = self;
+        let of_arms = [table, own, zone];
+        std::array::from_fn(|which| match which.checked_sub(OF_ARMS) {
+            None => of_arms[which / MOST_ARMS][which % MOST_ARMS],
+            Some(0) => *arms,
+            Some(1) => *hands,
+            Some(_) => *next_hands,
+        })
     }
 
     /// Returns these distances without the one between the hands, for hands that are to meet at one
-    /// cube.
+    /// cube. A third hand may not come to them.
     #[must_use]
     pub fn meeting(self) -> Self {
         Self { hands: None, ..self }
@@ -150,15 +172,16 @@ impl Distances {
             // keeps the present one.
             now.map(|now| before.map_or(now, |before| before.max(now)))
         };
-        let both = |now: [Option<f64>; 2], before: [Option<f64>; 2]| {
-            [more(now[0], before[0]), more(now[1], before[1])]
+        let each = |now: PerArm<Option<f64>>, before: PerArm<Option<f64>>| {
+            std::array::from_fn(|i| more(now[i], before[i]))
         };
         Self {
-            table: both(self.table, before.table),
-            own: both(self.own, before.own),
-            zone: both(self.zone, before.zone),
+            table: each(self.table, before.table),
+            own: each(self.own, before.own),
+            zone: each(self.zone, before.zone),
             arms: more(self.arms, before.arms),
             hands: more(self.hands, before.hands),
+            next_hands: more(self.next_hands, before.next_hands),
         }
     }
 }
@@ -225,12 +248,12 @@ pub enum PlannedMotion {
     Forecast(Arc<Forecast>),
 }
 
-/// Place of both arms on their paths.
+/// Place of all arms on their paths.
 struct Place {
     /// Share of the paths that is covered there, 0..=1.
     part: f64,
-    joints: [Option<JointPositions>; 2],
-    bodies: [Option<Bodies>; 2],
+    joints: PerArm<Option<JointPositions>>,
+    bodies: PerArm<Option<Bodies>>,
     distances: Distances,
 }
 
@@ -257,9 +280,13 @@ impl Tolerance {
     const ON_PATH: Self = Self { dip: DIP_ON_PATH, margin: MARGIN_ON_PATH };
 
     /// Returns the least distances (m) that a check allows, in the order of [`Distances::all`].
-    fn least(&self) -> [f64; 8] {
-        let (own, arms) = (MIN_DISTANCE, MIN_DISTANCE + self.margin);
-        [MIN_HEIGHT, MIN_HEIGHT, own, own, MIN_ZONE_DISTANCE, MIN_ZONE_DISTANCE, arms, arms]
+    fn least(&self) -> [f64; DISTANCES] {
+        std::array::from_fn(|which| match which / MOST_ARMS {
+            0 => MIN_HEIGHT,
+            1 => MIN_DISTANCE,
+            2 => MIN_ZONE_DISTANCE,
+            _ => MIN_DISTANCE + self.margin,
+        })
     }
 }
 
@@ -268,7 +295,12 @@ impl Guard {
     #[must_use]
     pub fn of(cell: &Cell, hand_speed: f64) -> Self {
         let hand_speed = (cell.keeper == Keeper::Person).then_some(hand_speed);
-        Self { cell: Arc::new(cell.clone()), hand_speed, never_meet: false, hold: [true; 2] }
+        Self {
+            cell: Arc::new(cell.clone()),
+            hand_speed,
+            never_meet: false,
+            hold: [true; MOST_ARMS],
+        }
     }
 
     /// Returns the tool frame of an arm in the believed cell (`flange_from_tool`); `None` if there
@@ -297,12 +329,12 @@ impl Guard {
         places.iter().try_for_each(|joints| arm.model.check(joints))
     }
 
-    /// Sets the openings of both hands' jaws (m); `None` if unknown. From now on a hand counts as
+    /// Sets the openings of the hands' jaws (m); `None` if unknown. From now on a hand counts as
     /// holding a cube if its jaws are about as far open as a cube's edge, or if their opening is
     /// unknown.
-    pub fn holding(&mut self, openings: [Option<f64>; 2]) {
+    pub fn holding<const N: usize>(&mut self, openings: [Option<f64>; N]) {
         let is_wide = |opening: f64| (opening - self.cell.cube.edge).abs() < WIDTH_TOLERANCE;
-        self.hold = openings.map(|opening| opening.is_none_or(is_wide));
+        self.hold = per_arm(openings, None).map(|opening| opening.is_none_or(is_wide));
     }
 
     /// Returns the name of an arm.
@@ -318,35 +350,48 @@ impl Guard {
     /// Returns all guarded distances of arms at these joint positions; `None` for an arm whose
     /// joints are unknown.
     #[must_use]
-    pub fn distances(&self, joints: [Option<&JointPositions>; 2]) -> Distances {
-        self.distances_of(&self.bodies_of_both(joints))
+    pub fn distances<const N: usize>(&self, joints: [Option<&JointPositions>; N]) -> Distances {
+        self.distances_of(&self.bodies_of_all(per_arm(joints, None)))
     }
 
     /// Returns the bodies of the arms whose joints are known.
-    fn bodies_of_both(&self, joints: [Option<&JointPositions>; 2]) -> [Option<Bodies>; 2] {
+    fn bodies_of_all(&self, joints: PerArm<Option<&JointPositions>>) -> PerArm<Option<Bodies>> {
         let known = |i: usize| joints[i].filter(|_| i < self.cell.arms.len());
-        [0, 1].map(|i| known(i).map(|joints| self.bodies(i, joints)))
+        std::array::from_fn(|i| known(i).map(|joints| self.bodies(i, joints)))
     }
 
     /// Returns all guarded distances of these bodies.
-    fn distances_of(&self, bodies: &[Option<Bodies>; 2]) -> Distances {
+    fn distances_of(&self, bodies: &PerArm<Option<Bodies>>) -> Distances {
         let of =
             |measure: &dyn Fn(&Bodies) -> f64| bodies.each_ref().map(|b| b.as_ref().map(measure));
-        let both = |measure: &dyn Fn(&Bodies, &Bodies) -> f64| match bodies {
-            [Some(first), Some(second)] => Some(measure(first, second)),
-            _ => None,
+        // The least two over all pairs, each of which is (i, j) once, with i < j.
+        let pairs = |measure: &Measure<'_>| {
+            let known = |from: usize| {
+                let known = bodies.iter().enumerate().skip(from);
+                known.filter_map(|(i, body)| Some((i, body.as_ref()?)))
+            };
+            let all = known(0).flat_map(|a| known(a.0 + 1).map(move |b| measure(a, b)));
+            all.fold([None, None], |[least, next]: [Option<f64>; 2], now| match least {
+                Some(least) if now < least => [Some(now), Some(least)],
+                Some(least) => [Some(least), Some(next.map_or(now, |next| next.min(now)))],
+                None => [Some(now), None],
+            })
         };
         let off = |i: usize| {
             // Without a person the arms need not keep off the zone.
             let body = bodies[i].as_ref().filter(|_| self.hand_speed.is_some());
             body.map(|body| body.distance_to_zone(&self.cell.hand, i != TAKER))
         };
+        let [arms, _] = pairs(&|(_, a), (_, b)| at_the_cube(a, b));
+        let [hands, next_hands] =
+            pairs(&|(i, a), (j, b)| hands(a, b, [self.hold[i], self.hold[j]]));
         Distances {
             table: of(&|body| body.lowest() - self.cell.table_height),
             own: of(&Bodies::own),
-            zone: [0, 1].map(off),
-            arms: both(&at_the_cube),
-            hands: both(&|a, b| hands(a, b, self.hold)),
+            zone: std::array::from_fn(off),
+            arms,
+            hands,
+            next_hands,
         }
     }
 
@@ -379,31 +424,28 @@ impl Guard {
             (now < least.min(before - tolerance.dip)).then_some((which, now))
         });
         // The numbers are those of `Distances::all`.
-        match too_near {
-            None => Ok(()),
-            Some((arm @ (0 | 1), height)) => Err(Near::Table { arm: self.name(arm), height }),
-            Some((which @ (2 | 3), distance)) => {
-                Err(Near::Own { arm: self.name(which - 2), distance })
-            }
-            Some((which @ (4 | 5), distance)) => {
-                Err(Near::Zone { arm: self.name(which - 4), distance })
-            }
-            Some((6, distance)) => Err(Near::Arms(distance)),
-            Some((_, distance)) => Err(Near::Hands(distance)),
-        }
+        let Some((which, distance)) = too_near else { return Ok(()) };
+        let arm = || self.name(which % MOST_ARMS);
+        Err(match which / MOST_ARMS {
+            0 => Near::Table { arm: arm(), height: distance },
+            1 => Near::Own { arm: arm(), distance },
+            2 => Near::Zone { arm: arm(), distance },
+            _ if which == OF_ARMS => Near::Arms(distance),
+            _ => Near::Hands(distance),
+        })
     }
 
-    /// Checks whether the arms may take the paths `ways` from the joint positions `from`. Both arms
-    /// begin and end together, and at each moment both have covered the same share of their paths.
+    /// Checks whether the arms may take the paths `ways` from the joint positions `from`. All arms
+    /// begin and end together, and at each moment all have covered the same share of their paths.
     /// Bodies that are too near at the beginning may move apart, so that an operator can move an
     /// arm out of a corner.
     ///
     /// # Errors
     /// The first pair of bodies that comes too near on the paths.
-    pub fn check_paths(
+    pub fn check_paths<const N: usize>(
         &self,
-        from: [Option<&JointPositions>; 2],
-        ways: [&PlannedMotion; 2],
+        from: [Option<&JointPositions>; N],
+        ways: [&PlannedMotion; N],
     ) -> Result<(), Near> {
         let mut courses = self.courses(from, ways);
         let places = self.places(&mut courses);
@@ -425,7 +467,7 @@ impl Guard {
     /// The first pair of bodies that comes too near.
     fn check_between(
         &self,
-        courses: &mut [Option<Course<'_>>; 2],
+        courses: &mut PerArm<Option<Course<'_>>>,
         from: &Place,
         to: &Place,
         check: &impl Fn(Distances) -> Result<(), Near>,
@@ -457,14 +499,14 @@ impl Guard {
         check(to.distances)
     }
 
-    /// Returns whether the hands must stay apart on the paths `ways` of both arms: they are apart
+    /// Returns whether the hands must stay apart on the paths `ways` of all arms: they are apart
     /// at the beginning and at the end, or the guard is made by [`Guard::by_hand`], which allows no
     /// meeting.
     #[must_use]
-    pub fn keep_apart(
+    pub fn keep_apart<const N: usize>(
         &self,
-        from: [Option<&JointPositions>; 2],
-        ways: [&PlannedMotion; 2],
+        from: [Option<&JointPositions>; N],
+        ways: [&PlannedMotion; N],
     ) -> bool {
         self.stay_apart(&self.places(&mut self.courses(from, ways)))
     }
@@ -479,24 +521,26 @@ impl Guard {
     /// Returns the beginning and the ends of the [`STEPS`] equal parts of the paths, at which every
     /// path is checked. A line is followed place by place, so that the inverse kinematics stays on
     /// its branch.
-    fn places(&self, courses: &mut [Option<Course<'_>>; 2]) -> Vec<Place> {
+    fn places(&self, courses: &mut PerArm<Option<Course<'_>>>) -> Vec<Place> {
         (0..=STEPS).map(|step| self.place(courses, f64::from(step) / f64::from(STEPS))).collect()
     }
 
     /// Returns the [`Course`] of each arm on its path in `ways`; `None` for an arm whose joint
     /// positions are unknown.
-    fn courses(
+    fn courses<const N: usize>(
         &self,
-        from: [Option<&JointPositions>; 2],
-        ways: [&PlannedMotion; 2],
-    ) -> [Option<Course<'_>>; 2] {
-        [0, 1].map(|i: usize| from[i].map(|from| self.course(i, from, ways[i])))
+        from: [Option<&JointPositions>; N],
+        ways: [&PlannedMotion; N],
+    ) -> PerArm<Option<Course<'_>>> {
+        let from = per_arm(from, None);
+        let known = |i: usize| from[i].filter(|_| i < self.cell.arms.len());
+        std::array::from_fn(|i| known(i).map(|from| self.course(i, from, ways[i])))
     }
 
-    /// Returns the place of both arms after the share `part` (0..=1) of their paths.
-    fn place(&self, courses: &mut [Option<Course<'_>>; 2], part: f64) -> Place {
+    /// Returns the place of all arms after the share `part` (0..=1) of their paths.
+    fn place(&self, courses: &mut PerArm<Option<Course<'_>>>, part: f64) -> Place {
         let joints = courses.each_mut().map(|course| course.as_mut().map(|course| course.at(part)));
-        let bodies = self.bodies_of_both(joints.each_ref().map(Option::as_ref));
+        let bodies = self.bodies_of_all(joints.each_ref().map(Option::as_ref));
         Place { part, joints, bodies, distances: self.distances_of(&bodies) }
     }
 
@@ -878,6 +922,39 @@ mod tests {
         assert!(met >= 12 && passed >= 4, "{met} {passed}");
     }
 
+    /// A third arm where the second one is keeps the same distances, and may not come to two hands
+    /// that meet at a cube.
+    #[test]
+    fn guard_watches_each_pair_of_three_arms() {
+        let mut cell = example_cell();
+        let pair = Guard::of(&cell, LIMIT);
+        let third = crate::cell::Arm { name: "third".to_owned(), ..cell.arms[1].clone() };
+        cell.arms.push(third);
+        let guard = Guard::of(&cell, LIMIT);
+        let table = MeetingTable::compute(&cell, &ReachSettings::default());
+        let (mut met, mut refused) = (0, 0);
+        for meeting in table.grasps.iter().flatten() {
+            let (track, there) = (Some(&meeting.track), Some(&meeting.postument));
+            let of_pair = pair.distances([track, there]);
+            let of_third = guard.distances([track, None, there]);
+            assert_eq!((of_third.arms, of_third.hands), (of_pair.arms, of_pair.hands));
+            assert_eq!((of_third.own[2], of_third.next_hands), (of_pair.own[1], None));
+
+            // Two hands meet, and the third one comes from aside.
+            let mut aside = meeting.postument;
+            aside.0[1] += 1.2;
+            let from = [track, there, Some(&aside)];
+            let (far, near) = (guard.distances(from), guard.distances([track, there, there]));
+            assert_eq!(guard.check_motion(&far.meeting(), &far.meeting()), Ok(()));
+            assert!(guard.check_motion(&far.meeting(), &near.meeting()).is_err());
+            met += 1;
+            let to = PlannedMotion::Joints(meeting.postument);
+            let ways = [&PlannedMotion::Stays, &PlannedMotion::Stays, &to];
+            refused += usize::from(guard.check_paths(from, ways).is_err());
+        }
+        assert!(met >= 12 && refused == met, "{refused} of {met}");
+    }
+
     /// Jaws that are about as far open as the cube's edge count as holding it. So do jaws whose
     /// opening is unknown.
     #[test]
@@ -919,7 +996,10 @@ mod tests {
     #[test]
     fn watched_motion_near_table_may_dip_by_tolerance() {
         let guard = Guard::of(&example_cell(), LIMIT);
-        let above = |height: f64| Distances { table: [Some(height), None], ..Distances::default() };
+        let above = |height: f64| Distances {
+            table: [Some(height), None, None, None],
+            ..Distances::default()
+        };
 
         assert_eq!(above(0.05).or_more(&above(0.01)), above(0.05));
         assert_eq!(above(0.01).or_more(&above(0.05)), above(0.05));

@@ -8,6 +8,7 @@
 //! - out: flags and numbers that cameras, actors and recorder read ([`InjectedFaults`])
 
 use crate::actors::fault::ActorFault;
+use crate::cell::PerArm;
 use crate::emergency_stop::StopButton;
 use crate::hw::storage::{Storage, StorageFault};
 use crate::registry::{DeviceFault, DeviceFaults};
@@ -113,9 +114,9 @@ impl CameraFaults {
 #[derive(Debug, Clone, Default)]
 pub(super) struct InjectedFaults {
     /// Faults of the ECP of each arm.
-    pub(super) ecps: [Arc<ActorFault>; 2],
+    pub(super) ecps: PerArm<Arc<ActorFault>>,
     /// Faults of the EDP of each arm.
-    pub(super) edps: [Arc<ActorFault>; 2],
+    pub(super) edps: PerArm<Arc<ActorFault>>,
     /// Faults of the VSP of each camera.
     pub(super) vsps: Vec<Arc<ActorFault>>,
     /// Faults of MP.

@@ -17,6 +17,7 @@
 use super::measured_peaks::MeasuredPeaks;
 use super::task::Performed;
 use crate::actors::mp::Ending;
+use crate::cell::MOST_ARMS;
 use crate::error::{Error, NonFatal};
 use crate::hw::plant::verdict::{self, Event};
 use crate::hw::plant::{self, Incident, Verdict};
@@ -202,7 +203,7 @@ fn sensor_peaks(
     measured: &MeasuredPeaks,
     verdict: Option<&Verdict>,
 ) -> Vec<SensorPeak> {
-    let arms = config.cell.arms.iter().take(2).enumerate();
+    let arms = config.cell.arms.iter().take(MOST_ARMS).enumerate();
     arms.map(|(i, arm)| {
         // The records have each period of this node's arms; the VSP knows those of other nodes.
         let (force, torque) = measured.peak(i);

@@ -141,7 +141,12 @@ impl Drivers {
 impl Staff {
     /// Returns the latest states of all arms by their EDPs.
     pub(super) fn arms(&self) -> Vec<ArmState> {
-        self.edps.iter().map(|edp| *edp.watch().borrow()).collect()
+        self.states().iter().map(|state| *state.borrow()).collect()
+    }
+
+    /// Returns the states of all arms as their EDPs publish them.
+    pub(super) fn states(&self) -> Vec<watch::Receiver<ArmState>> {
+        self.edps.iter().map(EdpHandle::watch).collect()
     }
 }
 

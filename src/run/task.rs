@@ -92,12 +92,14 @@ pub(super) async fn run_task(
     // The kernel stays here, since its account is needed even after a panic of MP.
     let mut kernel = kernel.map_err(|why| not_created("task", &why))?;
     // MP takes the ECPs: they end with it. EDPs and VSPs stay with the staff until the verdict.
+    let states = staff.states();
     let Staff { ecps, sensors, manners, guard, apart, .. } = staff;
     let mp = Mp::new(mp::Parts {
         turning,
         forces: sensors.forces.take(),
         sensors: sensors.own_of(Owner::Mp),
         ecps: std::mem::take(ecps),
+        states,
         tracker: sensors.tracker_of(Owner::Mp),
         hand_cameras: (0..config.cell.arms.len())
             .map(|arm| sensors.hand_camera_of(Owner::Mp, arm))

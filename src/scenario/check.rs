@@ -22,7 +22,7 @@ use super::lists::{GripperKeys, VspKind};
 use super::root::Root;
 use super::section::Reader;
 use super::{nodes, objects};
-use crate::cell::Arm;
+use crate::cell::{Arm, MOST_ARMS};
 use crate::cube::Keeper;
 use crate::servo::period::Length;
 use std::sync::Arc;
@@ -45,7 +45,8 @@ pub(super) fn bridge(root: &Root, reader: &mut Reader) {
     }
 }
 
-/// Checks the names of all effectors, cameras and VSPs, and that there are one or two effectors.
+/// Checks the names of all effectors, cameras and VSPs, and that there are 1 to [`MOST_ARMS`]
+/// effectors.
 pub(super) fn effectors(draft: &Draft, reader: &mut Reader) {
     names("effector", draft.effectors.iter().map(|e| e.name.as_str()), reader);
     names("camera", draft.cameras.iter().map(|c| c.name.as_str()), reader);
@@ -54,10 +55,10 @@ pub(super) fn effectors(draft: &Draft, reader: &mut Reader) {
     names("order", draft.orders.iter().map(|(_, o)| o.name.as_str()), reader);
     if draft.effectors.is_empty() {
         reader.fault("effector", "a scenario needs at least one [[effector]]");
-    } else if draft.effectors.len() > 2 {
+    } else if draft.effectors.len() > MOST_ARMS {
         let count = draft.effectors.len();
-        let reason = format!("there are {count} effectors, but at most two can be driven");
-        reader.fault("effector.2", reason);
+        let reason = format!("there are {count} effectors, but at most {MOST_ARMS} can be driven");
+        reader.fault(&format!("effector.{MOST_ARMS}"), reason);
     }
 }
 
@@ -115,12 +116,18 @@ pub(super) fn task(name: &str, catalogue: &Catalogue, reader: &mut Reader) -> Op
     found
 }
 
-/// Checks that the cell has as many effectors as the task needs. `given` is their number.
+/// Checks that the cell has as many effectors as the task needs, and no more than it drives.
+/// `given` is their number.
 pub(super) fn effectors_of(task: &dyn Declaration, given: usize, reader: &mut Reader) {
     let needed = task.properties().effectors;
+    let name = task.name();
     if given < needed {
-        let name = task.name();
         let reason = format!("`task`: \"{name}\" needs {needed} effectors, but there are {given}");
+        reader.fault("task", reason);
+    }
+    let most = task.properties().most_effectors;
+    if given > most {
+        let reason = format!("`task`: \"{name}\" drives {most} effectors, but there are {given}");
         reader.fault("task", reason);
     }
 }

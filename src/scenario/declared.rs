@@ -4,6 +4,7 @@
 use super::keys::Coordination;
 use super::section::{Key, Reader, Section};
 use super::tree::Node;
+use crate::cell::MOST_ARMS;
 use std::any::Any;
 use std::fmt;
 use std::sync::Arc;
@@ -103,6 +104,8 @@ pub struct Properties {
     pub walks: bool,
     /// Least number of effectors that the task needs. A task may check more of them itself.
     pub effectors: usize,
+    /// Greatest number of effectors that the task can do with.
+    pub most_effectors: usize,
     /// Schemes of coordination under which the task can be done.
     pub coordination: &'static [Coordination],
 }
@@ -115,6 +118,7 @@ impl Properties {
         by_hand: false,
         walks: false,
         effectors: 1,
+        most_effectors: MOST_ARMS,
         coordination: &[Coordination::Sporadic, Coordination::Continuous],
     };
 }

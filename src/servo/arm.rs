@@ -87,7 +87,7 @@ pub struct ArmServo {
     braking: Option<[f64; AXES]>,
     /// Share of these steps that is left after a period.
     fade: f64,
-    /// Whether the other arm is stopped.
+    /// Whether another arm is stopped.
     stands_by: bool,
     /// Why the servo stops both arms, while they slow down to a fault.
     stopping: Option<MoveRefused>,
@@ -264,7 +264,7 @@ impl ArmServo {
         self.refused = Some(why);
     }
 
-    /// Makes the arm stand by as long as `stopped` is true: the other arm is stopped by a fault, or
+    /// Makes the arm stand by as long as `stopped` is true: another arm is stopped by a fault, or
     /// an actor is gone. At the beginning an arm under force control yields for half a second,
     /// without a velocity of its own, and then holds; any other arm brakes. Until `stopped` is
     /// false the arm refuses motions and homing.

@@ -13,6 +13,12 @@ use nalgebra::{Point3, Vector3};
 /// Size of the table top along x and y (m). Its centre is below the zone of the hand-over.
 pub const TABLE_TOP: (f64, f64) = (0.7, 1.2);
 
+/// Most arms of a cell.
+pub const MOST_ARMS: usize = 4;
+
+/// One value for each arm that a cell may have. Those of arms that a cell does not have are unused.
+pub type PerArm<T> = [T; MOST_ARMS];
+
 /// Everything that is built into the cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {

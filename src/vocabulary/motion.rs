@@ -365,7 +365,7 @@ pub enum MoveRefused {
     #[serde(rename = "BrokenOff")]
     Aborted,
     /// The arm holds until the fault of its partner is reset, or the missing actor is back.
-    #[error("the arm is on hold: the other arm has a fault, or an actor is missing")]
+    #[error("the arm is on hold: another arm has a fault, or an actor is missing")]
     #[serde(rename = "HeldBack")]
     PartnerStopped,
     /// The servo stops all arms.

@@ -162,8 +162,9 @@ impl Seen {
         assert!(self.summary.peak_force_n.unwrap() < 20.0, "{:?}", self.summary.peak_force_n);
     }
 
-    /// Checks that at the end exactly those arms hold the cube whose entry in `arms` is `true`.
-    fn check_held_by(&self, arms: [bool; 2]) {
+    /// Checks that at the end exactly those of the two arms hold the cube whose entry is `true`.
+    fn check_held_by(&self, [track, postument]: [bool; 2]) {
+        let arms = [track, postument, false, false];
         assert_eq!(self.verdict.cube, Whereabouts::Arms(arms));
     }
 }

@@ -36,7 +36,7 @@ impl Rig {
     fn at(synchronised: [bool; 2], length: Length) -> Self {
         let controller = rubik_robot::tasks::read(Path::new("test"), "", &[]).unwrap().controller;
         let mut config = PlantConfig::new(controller.cell.clone());
-        config.synchronised = synchronised;
+        config.synchronised[..2].copy_from_slice(&synchronised);
         config.period = length;
         let mut plant = Plant::new(config, 1).unwrap();
         let configs = controller

@@ -39,8 +39,14 @@ fn push_at_one_arm_delays_that_arm_only() {
 
 /// Returns the faults of a shipped scenario with the override `set`.
 fn refused(name: &str, set: &str) -> String {
+    refused_all(name, &[set.to_owned()])
+}
+
+/// Returns the faults of a shipped scenario with these overrides.
+fn refused_all(name: &str, sets: &[String]) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(name);
-    rubik_robot::tasks::load(&path, &[Override::parse(set).unwrap()]).unwrap_err().to_string()
+    let sets: Vec<_> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+    rubik_robot::tasks::load(&path, &sets).unwrap_err().to_string()
 }
 
 /// Returns a figure of a run.
@@ -73,6 +79,57 @@ fn push_at_carrier_delays_but_loses_no_bar() {
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert!(figure(&summary, "stops") >= 1.0, "{:?}", summary.figures);
     assert!(figure(&summary, "placed_off_mm") < 5.0, "{:?}", summary.figures);
+}
+
+/// MP carries out the orders of two arms of three, and the third arm has a programme of its own.
+/// However long its rounds last, and whatever stops it, the carriers do not notice.
+#[test]
+fn two_arms_carry_while_third_goes_rounds() {
+    let push = "fault=[{name=\"p\",kind=\"push\",arm=\"third\",direction=1,magnitude=60,at_s=4,\
+                duration_s=0.3}]";
+    let alone = run("three_arms.toml", &["carry_bar.rounds=1"]);
+    let beside = run("three_arms.toml", &[]);
+    let pushed = run("three_arms.toml", &[push]);
+
+    for (summary, rounds) in [(&alone, 1), (&beside, 4), (&pushed, 4)] {
+        assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
+        assert_eq!(summary.figures["rounds"], serde_json::json!([rounds]));
+        assert_eq!(summary.figures["carried_s"], alone.figures["carried_s"]);
+        assert_eq!(summary.figures["wrist_peak_n"], alone.figures["wrist_peak_n"]);
+        assert_eq!(summary.collisions, Some(0));
+    }
+    let ended = |summary: &Summary| summary.figures["ended_s"][0].as_f64().unwrap();
+    assert!(ended(&beside) > 15.0, "the third arm moves while the others carry");
+    assert!(ended(&pushed) > ended(&beside) + 0.9, "the third arm waits after the push");
+}
+
+/// A fault of the third arm stops all arms, and the reason names it.
+#[test]
+fn fault_of_third_arm_stops_carriers() {
+    let freeze = "fault=[{name=\"f\",kind=\"encoder_freeze\",arm=\"third\",axis=1,at_s=4.3}]";
+
+    let summary = run("three_arms.toml", &[freeze]);
+
+    assert_eq!(summary.outcome, Outcome::Failed, "{}", summary.reason);
+    assert!(summary.reason.contains("effector 2"), "{}", summary.reason);
+    assert!(summary.reason.contains("the encoder does not move"), "{}", summary.reason);
+    assert_eq!(figure(&summary, "falls"), 0.0, "{:?}", summary.figures);
+}
+
+#[test]
+fn three_arms_are_refused_by_tasks_of_two() {
+    for task in ["solve", "acquire", "face_turn"] {
+        let sets = [format!("task={task}"), "coordination=sporadic".to_owned()];
+        let faults = refused_all("three_arms.toml", &sets);
+        let fault = format!("\"{task}\" drives 2 effectors, but there are 3");
+        assert!(faults.contains(&fault), "{task}: {faults}");
+    }
+    let faults = refused("carry_bar.toml", "carry_bar.rounds=1");
+    assert!(faults.contains("there is no third [[effector]]"), "{faults}");
+    let arm = |i| format!("[[effector]]\nname = \"arm{i}\"\nprofile = \"irp6_track\"\n");
+    let five = (0..5).map(arm).collect::<Vec<_>>().concat();
+    let faults = rubik_robot::tasks::read(Path::new("five.toml"), &five, &[]).unwrap_err();
+    assert!(faults.to_string().contains("at most 4 can be driven"), "{faults}");
 }
 
 /// A bar that one gripper lets go is no success: the controller stops at once, and the judge, which

@@ -11,6 +11,7 @@
 use crate::actors::lookout::is_known;
 use crate::actors::move_instruction::Manner;
 use crate::actors::ways::{self, Known};
+use crate::cell::{MOST_ARMS, PerArm};
 use crate::error::NonFatal;
 use crate::generators::Behaviour;
 use crate::generators::own::{Forecast, Place};
@@ -42,13 +43,14 @@ impl Surroundings {
     /// the speed that is too high near the operator's hand or for a motor.
     pub(super) fn check_onward(&self, course: Forecast, own: &ArmState) -> Result<(), String> {
         let effector = self.effector;
-        // The guard knows two arms. The servo checks the limits of the others.
-        if effector > 1 {
+        // The servo checks the limits of an arm that the guard's cell does not have.
+        if self.guard.flange_from_tool(effector).is_none() {
             return Ok(());
         }
         self.guard.check_limits(effector, &course).map_err(|why| why.to_string())?;
-        let mut arms: [Option<ArmState>; 2] =
-            [0, 1].map(|i| self.states.get(i).map(|state| *state.borrow()).filter(is_known));
+        let published = |i: usize| self.states.get(i).map(|state| *state.borrow());
+        let mut arms: PerArm<Option<ArmState>> =
+            std::array::from_fn(|i| published(i).filter(is_known));
         arms[effector] = Some(*own);
         let arms = arms.each_ref().map(Option::as_ref);
         let guard = ways::present(&self.guard, arms).by_hand();
@@ -59,7 +61,7 @@ impl Surroundings {
         };
         let seconds = course.seconds;
         let way = PlannedMotion::Forecast(Arc::new(course));
-        let mut ways = [&PlannedMotion::Stays; 2];
+        let mut ways = [&PlannedMotion::Stays; MOST_ARMS];
         ways[effector] = &way;
         guard.check_paths(from, ways).map_err(|near| near.to_string())?;
         let course = || guard.course(effector, &begin, &way);
@@ -87,18 +89,19 @@ impl Surroundings {
     ) -> Result<(), NonFatal> {
         let (effector, (arm, tool)) = (self.effector, own);
         let forecast = ways::forecast(order, manner, arm)?;
-        // The guard knows two arms.
-        if effector > 1 {
+        // The guard's cell may not have the arm.
+        if self.guard.flange_from_tool(effector).is_none() {
             return Ok(());
         }
         let published: Vec<ArmState> = self.states.iter().map(|state| *state.borrow()).collect();
         let mut known = Known {
-            arms: [0, 1].map(|i| published.get(i).filter(|arm| is_known(arm))),
+            arms: std::array::from_fn(|i| published.get(i).filter(|arm| is_known(arm))),
             ..Known::default()
         };
         known.arms[effector] = Some(arm).filter(|arm| is_known(arm));
         (known.tools[effector], known.manners[effector]) = (tool, Some(manner));
-        let (mut orders, mut forecasts) = ([None, None], [None, None]);
+        let mut orders: PerArm<Option<Behaviour>> = [const { None }; MOST_ARMS];
+        let mut forecasts = [const { None }; MOST_ARMS];
         (orders[effector], forecasts[effector]) = (Some(order.clone()), forecast);
         let guard = ways::present(&self.guard, known.arms).by_hand();
         ways::admit(&guard, known, &mut orders, &forecasts)

@@ -8,6 +8,7 @@ use super::{Mp, Parts, Stop, system};
 use crate::actors::control::{Attended, Control, LOOK};
 use crate::actors::homing::{self, wait_for_homing};
 use crate::actors::notice::Notice;
+use crate::cell::MOST_ARMS;
 use crate::error::{Error, NonFatal};
 use crate::operator::{Answer, Input, Manual, Question};
 use crate::reach::guard::PlannedMotion;
@@ -126,7 +127,7 @@ impl Mp {
         // an arm that comes too near an obstacle.
         if let Some(guard) = self.guard() {
             let from = self.known().map(|arm| arm.map(|arm| &arm.desired_joints));
-            self.keep_apart(guard.keep_apart(from, [&PlannedMotion::Stays, &PlannedMotion::Stays]));
+            self.keep_apart(guard.keep_apart(from, [&PlannedMotion::Stays; MOST_ARMS]));
         }
         let mut jog = Jog::new(axis, by, macrostep);
         while !jog.is_over() {

@@ -32,6 +32,7 @@ use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision, Watchdog};
 use super::ways::{self, Known};
 use super::work::SEARCH;
+use crate::cell::{MOST_ARMS, PerArm};
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::generators::Behaviour;
 use crate::kernel::{
@@ -72,6 +73,9 @@ pub struct Parts {
     pub sensors: Vec<SensorHandle>,
     /// One ECP per effector, in the scenario's order.
     pub ecps: Vec<EcpHandle>,
+    /// States that the EDPs publish, for effectors whose ECPs carry out programmes; empty if MP is
+    /// to ask these ECPs as well.
+    pub states: Vec<watch::Receiver<ArmState>>,
     /// VSP of the stand-alone camera, if it delivers to MP.
     pub tracker: Option<VspHandle>,
     /// VSP of the camera in each effector's hand, if it delivers to MP.
@@ -104,6 +108,7 @@ impl Parts {
             forces: None,
             sensors: Vec::new(),
             ecps,
+            states: Vec::new(),
             tracker: None,
             hand_cameras: Vec::new(),
             coordination: Coordination::Sporadic,
@@ -212,9 +217,9 @@ impl Mp {
         self.parts.forces.as_ref().map(|f| f.borrow().clone()).unwrap_or_default()
     }
 
-    /// Returns the state of each synchronised arm of the two that the guard watches; `None` for an
-    /// arm that is not synchronised, because its pose is unknown.
-    fn known(&self) -> [Option<&ArmState>; 2] {
+    /// Returns the state of each synchronised arm; `None` for an arm that is not synchronised,
+    /// because its pose is unknown.
+    fn known(&self) -> PerArm<Option<&ArmState>> {
         std::array::from_fn(|i| {
             self.arms.get(i).filter(|arm| arm.synchronisation == Synchronisation::Yes)
         })
@@ -242,8 +247,8 @@ impl Mp {
         let Some(guard) = self.guard() else { return Ok(()) };
         let known = Known {
             arms: self.known(),
-            tools: [0, 1].map(|i| self.tools.get(i).copied().flatten()),
-            manners: [0, 1].map(|i| self.parts.manners.get(i)),
+            tools: std::array::from_fn(|i| self.tools.get(i).copied().flatten()),
+            manners: std::array::from_fn(|i| self.parts.manners.get(i)),
         };
         let apart = ways::admit(&guard, known, orders, forecasts)?;
         // Before the motion begins, so that the lookout judges all of it by the right rule.
@@ -251,13 +256,13 @@ impl Mp {
         Ok(())
     }
 
-    /// Returns the courses that the ordered generators of the two guarded arms declare. All orders
+    /// Returns the courses that the ordered generators of all arms declare. All orders
     /// of registered generators are tried, so that a refused one moves no arm.
     ///
     /// # Errors
     /// If a generator is unknown or refuses its order.
     fn forecasts(&self, orders: &[Option<Behaviour>]) -> Result<ways::Forecasts, Error> {
-        let mut forecasts = [None, None];
+        let mut forecasts = [const { None }; MOST_ARMS];
         for (effector, order) in orders.iter().enumerate() {
             let known = self.parts.manners.get(effector).zip(self.arms.get(effector));
             let (Some(order), Some((manner, arm))) = (order, known) else { continue };
@@ -610,13 +615,20 @@ impl Mp {
         }
     }
 
-    /// Asks each arm for its state and stores the states. An arm that had a programme and has a
-    /// fault keeps its last state: the fault has ended that programme, and the others go on.
+    /// Asks each arm for its state and stores the states. An ECP with a programme is not asked,
+    /// since MP would wait for it: the published state of the arm counts. An arm that had a
+    /// programme and has a fault keeps its last state: the fault has ended that programme, and the
+    /// others go on.
     async fn refresh(&mut self) -> Result<(), Error> {
         // An answer from another node takes longer than a work item may.
         self.heartbeat.waits();
         let mut arms = Vec::with_capacity(self.parts.ecps.len());
         for (effector, ecp) in self.parts.ecps.iter().enumerate() {
+            let busy = self.programmes.running.contains(&effector);
+            if let Some(state) = self.parts.states.get(effector).filter(|_| busy) {
+                arms.push(*state.borrow());
+                continue;
+            }
             let last = self.arms.get(effector).filter(|_| self.programmes.own.contains(&effector));
             arms.push(match (ecp.state().await, last) {
                 (Err(Error::NonFatal { .. } | Error::Fatal { .. }), Some(last)) => *last,
@@ -737,7 +749,7 @@ mod tests {
         let through = |synchronisation| {
             let other = ArmState { synchronisation, ..arm(meeting.postument) };
             let mp = standing(guard(), [arm(along(-0.3)), other]);
-            mp.guard_orders(&mut [Some(to(along(0.3))), None], &[None, None])
+            mp.guard_orders(&mut [Some(to(along(0.3))), None], &Default::default())
         };
 
         assert!(matches!(through(Synchronisation::Yes), Err(Near::Arms(_) | Near::Hands(_))));
@@ -752,11 +764,11 @@ mod tests {
         let orders = |from: JointPositions, orders: [Option<Behaviour>; 2]| {
             let mp = standing(guard(), [arm(from), arm(meeting.postument)]);
             let mut orders = orders;
-            mp.guard_orders(&mut orders, &[None, None]).unwrap();
+            mp.guard_orders(&mut orders, &Default::default()).unwrap();
             let first = apart(&mp);
             // Each order sets the flag itself: the value before has no effect.
             mp.parts.apart.set(!first);
-            mp.guard_orders(&mut orders, &[None, None]).unwrap();
+            mp.guard_orders(&mut orders, &Default::default()).unwrap();
             assert_eq!(apart(&mp), first);
             first
         };
@@ -776,7 +788,7 @@ mod tests {
             let mut mp = standing(guard(), [arm(along(0.0)), arm(meeting.postument)]);
             mp.programmes.running = running;
 
-            mp.guard_orders(&mut [None, None], &[None, None]).unwrap();
+            mp.guard_orders(&mut [None, None], &Default::default()).unwrap();
 
             assert_eq!(format!("{:?}", mp.parts.apart), format!("Apart({programmes})"));
         }
@@ -802,10 +814,10 @@ mod tests {
         mp.programmes.running.push(0);
         mp.programmes.to_mp.send(Report { message, tool: Some(longer) }).unwrap();
 
-        let before = mp.guard_orders(&mut stays, &[None, None]);
+        let before = mp.guard_orders(&mut stays, &Default::default());
         // The servo is gone, so MP gets no new state after the message.
         assert!(mp.receive::<()>(1.0).await.is_err());
-        let after = mp.guard_orders(&mut stays, &[None, None]);
+        let after = mp.guard_orders(&mut stays, &Default::default());
 
         assert!(before.is_err(), "the tool of the cell would meet the table");
         assert_eq!((after, mp.programmes.running.len()), (Ok(()), 0));
@@ -850,7 +862,7 @@ mod tests {
         let asked = [Some(to(past(0.4))), Some(to(rolled))];
         let mut orders = asked.clone();
 
-        mp.guard_orders(&mut orders, &[None, None]).unwrap();
+        mp.guard_orders(&mut orders, &Default::default()).unwrap();
 
         let lasts = |orders: &[Option<Behaviour>]| {
             [0, 1].map(|i| manner().seconds(orders[i].as_ref().unwrap(), &arms[i]))
@@ -910,7 +922,7 @@ mod tests {
         let asked = to(target);
         let mut orders = [Some(asked.clone()), None];
 
-        mp.guard_orders(&mut orders, &[None, None]).unwrap();
+        mp.guard_orders(&mut orders, &Default::default()).unwrap();
 
         let Some(Behaviour::Legs { legs, seconds }) = orders[0].clone() else {
             panic!("{orders:?}")
@@ -949,7 +961,7 @@ mod tests {
                 far.0[0] -= 0.4;
                 let arms = [far, meeting.postument].map(|at| ArmState { jaw_opening, ..arm(at) });
                 standing(guard().by_hand(), arms)
-                    .guard_orders(&mut [Some(to(track)), None], &[None, None])
+                    .guard_orders(&mut [Some(to(track)), None], &Default::default())
             };
             // The first place on the path to the other hand at which a cube is an obstacle.
             let mut beside = (1..40).map(|i| -0.4 + 0.01 * f64::from(i));

@@ -4,8 +4,9 @@
 //! - out: messages of the ECPs as events for the kernel; the tool frame that a programme has left
 //!
 //! An effector with a programme is not MP's to order. Its faults end its programme and not the run.
+//! Under continuous coordination as well: the ECPs of the other effectors transmit meanwhile.
 
-use super::{Coordination, Mp, Stop};
+use super::{Mp, Stop};
 use crate::actors::ecp::{Outbox, Report};
 use crate::error::{Error, NonFatal};
 use crate::kernel::{Event, Message, Programme, Signal};
@@ -22,9 +23,6 @@ impl Mp {
         programme: Programme,
     ) -> Result<(), Error> {
         let ecp = self.ecp(effector)?.clone();
-        if self.parts.coordination == Coordination::Continuous {
-            return Err(refused("under continuous coordination the ECPs only transmit".to_owned()));
-        }
         if self.programmes.busy([effector].into_iter()).is_some() {
             return Err(refused(format!("effector {effector} carries out a programme already")));
         }

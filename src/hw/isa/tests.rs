@@ -343,7 +343,7 @@ struct Whole {
 
 impl Whole {
     /// Makes the cell at rest; `synchronised` tells for each arm whether it is synchronised.
-    fn new(synchronised: [bool; 2]) -> Self {
+    fn new(synchronised: crate::cell::PerArm<bool>) -> Self {
         let cell = cell();
         let config = PlantConfig { synchronised, ..PlantConfig::new(cell.clone()) };
         let plant = Plant::new(config, 1).unwrap();
@@ -376,7 +376,7 @@ impl Whole {
 /// The arm synchronises and moves behind its card; then the card fails, and both arms stop.
 #[test]
 fn arm_synchronises_and_moves_until_its_card_fails() {
-    let mut rig = Whole::new([true, false]);
+    let mut rig = Whole::new([true, false, false, false]);
     rig.tick(10).unwrap();
     assert_eq!(rig.links[0].state().synchronisation, Synchronisation::Yes);
     assert_eq!(rig.links[1].state().synchronisation, Synchronisation::No);

@@ -13,11 +13,12 @@
 
 use super::collision::{Bodies, HeldCube};
 use super::frame::rotation_vector;
-use super::grasp::{FRONT_STIFFNESS, Grasp, Hold, Touch};
+use super::grasp::{FRONT_STIFFNESS, Grasp, Hold, only};
 use super::hand::Sight;
 use super::undoing::Undoing;
 use super::verdict::MOST_EVENTS;
 use super::{Event, Exertion, GRAVITY, Incident, Part, Plant, State, StillWatch, lowest_face};
+use crate::cell::MOST_ARMS;
 use crate::cube::{Axis, Keeper};
 use crate::spatial::Twist;
 use nalgebra::{Point3, Vector3};
@@ -26,8 +27,7 @@ impl Plant {
     /// Raises the peaks of the contact forces to those of a substep.
     pub(super) fn record_peaks(&mut self) {
         // The chain is closed as soon as a second hand touches the cube that one holds.
-        let both = self.arms.len() == 2
-            && self.balance.touches.iter().all(Touch::any)
+        let both = self.balance.touches.iter().filter(|touch| touch.any()).count() >= 2
             && self.grasps.iter().any(Grasp::holds);
         let v = &mut self.verdict;
         for (i, touch) in self.balance.touches.iter().enumerate().take(self.arms.len()) {
@@ -141,8 +141,8 @@ impl Plant {
         if acting.lost.contains(&true) {
             self.look_for_drop();
         }
-        let closed = self.grasps.iter().all(|grasp| grasp.hold == Hold::Closed);
-        let turns = self.balance.split.filter(|_| closed);
+        let closed = |hand: &usize| self.grasps[*hand].hold == Hold::Closed;
+        let turns = self.balance.split.filter(|split| split.hands.iter().all(closed));
         self.undoing = self.undoing.after(acting.undo.is_some(), turns, turned);
         if let (Some(takes), Undoing::Turn(_)) = (acting.undo, self.undoing) {
             // The fault undoes a quarter turn in the time that it `takes`.
@@ -155,17 +155,18 @@ impl Plant {
     /// Records the collisions that are new in this period, computes the forces of all collisions,
     /// and updates the least distance between the arms.
     pub(super) fn look_for_collisions(&mut self) {
-        // In a cell of one arm the second entry repeats the first and is not used.
-        let openings = [self.jaws[0].opening(), self.jaws[self.jaws.len() - 1].opening()];
+        // The entries of arms that do not exist repeat the last arm's and are not used.
+        let last = self.arms.len() - 1;
+        let openings = std::array::from_fn(|i| self.jaws[i.min(last)].opening());
         let holds = self.grasps.each_ref().map(Grasp::holds);
         let cube = HeldCube {
             frame: self.balance.nodes[0],
             edge: self.config.cell.cube.edge,
-            // A cube in both hands is no obstacle, and an obstacle's load goes to its only holder.
-            holder: (holds[0] != holds[1]).then(|| usize::from(holds[1])),
+            // A cube in two hands is no obstacle, and an obstacle's load goes to its only holder.
+            holder: only(holds),
         };
         let arms = &self.config.cell.arms;
-        let grippers = [&arms[0].gripper, &arms[arms.len() - 1].gripper];
+        let grippers = std::array::from_fn(|i| &arms[i.min(last)].gripper);
         let (events, counts) = (&mut self.verdict.events, &mut self.verdict.counts);
         let period = self.period;
         let mut found = |what: Incident| {
@@ -217,7 +218,7 @@ impl Plant {
         // A grip that is lost has slipped; any other one ends by its opening jaws.
         let let_fall = self.last_holder.is_some() && !self.grasps.iter().any(|g| g.lost);
         // A cube in the air is one body without a grasp.
-        self.grasps = [Grasp::OPEN; 2];
+        self.grasps = [Grasp::OPEN; MOST_ARMS];
         self.regroup();
         // A cube that lies flat on the table when it is let go has been laid down.
         if let Some(arm) = self.last_holder.filter(|_| self.lies()) {
@@ -327,7 +328,7 @@ mod tests {
         let mut servo = TestServo::new(Plant::new(config, 1).unwrap());
         servo.run(0.5);
         assert!(servo.plant.balance.table_load() > 0.0, "the cube rests on the table");
-        assert_eq!(servo.plant.verdict().cube, Whereabouts::Arms([true, false]));
+        assert_eq!(servo.plant.verdict().cube, Whereabouts::Arms([true, false, false, false]));
 
         servo.jaws[0] = (0.085, 30.0);
         servo.run(2.0);
@@ -371,8 +372,8 @@ mod tests {
             TestServo::new(Plant::new(held(Jaws::rubber(), CubeMechanics::of_2007()), 1).unwrap());
         servo.jaws[1] = (0.055, 30.0);
         servo.run(1.5);
-        assert!(servo.plant.grasps.iter().all(Grasp::holds), "both hands hold the cube");
-        servo.plant.verdict.arm_peak_force = [0.0; 2];
+        assert!(servo.plant.grasps[..2].iter().all(Grasp::holds), "both hands hold the cube");
+        servo.plant.verdict.arm_peak_force = [0.0; MOST_ARMS];
         servo.plant.grasps[0].lost = true;
 
         servo.jaws[1] = (0.085, 30.0);

@@ -19,8 +19,10 @@
 
 use super::cube::{InterfaceLoad, Layers, MIDDLE, Puzzle};
 use super::frame::{Frame, about, rotation_vector, skew, solve};
-use super::grasp::{Grasp, Hands, Touch};
+use super::grasp::{Grasp, Hands, Touch, only};
 use super::rest::{Bearing, Rest};
+
+use crate::cell::{MOST_ARMS, PerArm};
 use crate::cube::Axis;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use std::ops::{AddAssign, SubAssign};
@@ -66,6 +68,19 @@ pub(super) struct Split {
     pub(super) axis: usize,
     /// Layers of the first and of the second body along this axis.
     pub(super) layers: [Layers; 2],
+    /// Arms whose grippers hold the first and the second body.
+    #[serde(default = "first_two", skip_serializing_if = "are_first_two")]
+    pub(super) hands: [usize; 2],
+}
+
+/// Returns the first two arms: files of cells with two arms do not name the hands of a split.
+fn first_two() -> [usize; 2] {
+    [0, 1]
+}
+
+/// Checks whether these are the first two arms.
+fn are_first_two(hands: &[usize; 2]) -> bool {
+    *hands == first_two()
 }
 
 /// Load on the interface between two bodies, and its slip in the last substep.
@@ -88,9 +103,9 @@ pub(super) struct Interface {
 /// Everything around the cube that acts on it.
 pub(super) struct Surroundings<'a> {
     /// `world_from_tool` of the arms.
-    pub(super) tools: [Frame; 2],
+    pub(super) tools: PerArm<Frame>,
     /// Grippers near the cube.
-    pub(super) hands: [Option<Hands<'a>>; 2],
+    pub(super) hands: PerArm<Option<Hands<'a>>>,
     /// Hold of the operator's hand.
     pub(super) hold: Option<HandHold>,
     /// Weight of the cube, with the force of inertia while one hand carries it, in the world (N).
@@ -109,7 +124,7 @@ pub(super) struct Balance {
     /// Load on the interface between the bodies.
     pub(super) interface: Interface,
     /// Contacts of the grippers in the last substep.
-    pub(super) touches: [Touch; 2],
+    pub(super) touches: PerArm<Touch>,
     /// Force of the operator's hand on the cube (N), in the world.
     pub(super) hand_force: Vector3<f64>,
     /// Pose of the first body in the last substep.
@@ -117,7 +132,7 @@ pub(super) struct Balance {
     /// Pose at which the operator's hand wanted the cube in the last substep.
     hand_before: Frame,
     /// Tools of the last substep.
-    tools_before: Option<[Frame; 2]>,
+    tools_before: Option<PerArm<Frame>>,
     /// Edge of the cube (m).
     edge: f64,
     /// Table under a cube of one body. A cube of two bodies is between two hands, far above it.
@@ -133,7 +148,7 @@ impl Balance {
             nodes: [world_from_cube; 2],
             split: None,
             interface: Interface::default(),
-            touches: [Touch::NONE; 2],
+            touches: [Touch::NONE; MOST_ARMS],
             hand_force: Vector3::zeros(),
             before: world_from_cube,
             hand_before: world_from_cube,
@@ -150,7 +165,7 @@ impl Balance {
     /// Checks that neither another gripper, the operator's hand nor the table acts on the cube, so
     /// that the cube moves along with the tool of `gripper`.
     pub(super) fn hangs_on(&self, gripper: usize) -> bool {
-        let others = (0..2).any(|i| i != gripper && self.touches[i].any());
+        let others = (0..MOST_ARMS).any(|i| i != gripper && self.touches[i].any());
         !others && self.hand_force == Vector3::zeros() && self.table_load() == 0.0
     }
 
@@ -194,7 +209,7 @@ impl Balance {
         &mut self,
         split: Option<Split>,
         puzzle: &mut Puzzle,
-        grasps: &mut [Grasp; 2],
+        grasps: &mut PerArm<Grasp>,
     ) {
         if split == self.split {
             return;
@@ -219,15 +234,16 @@ impl Balance {
                 let angle = layer_angle(puzzle, s.axis, s.layers[body]);
                 let turned = Frame::rotated(about(&Axis::ALL[s.axis].unit(), angle));
                 // Only an outer layer in a hand has an offset: the core defines the frame.
-                let layer = s.layers[body] & MIDDLE == 0 && grasps[body].attached();
-                let off = if layer { grasps[body].off[s.axis] } else { Frame::IDENTITY };
+                let grasp = &grasps[s.hands[body]];
+                let layer = s.layers[body] & MIDDLE == 0 && grasp.attached();
+                let off = if layer { grasp.off[s.axis] } else { Frame::IDENTITY };
                 *node = core.times(&off).times(&turned);
             }
         }
         for (i, grasp) in grasps.iter_mut().enumerate() {
             // A grasp stays where it is in the world: its reference is expressed in the new body.
             if grasp.attached() {
-                let node = if split.is_some() { i } else { 0 };
+                let node = usize::from(split.is_some_and(|s| s.hands[1] == i));
                 let old_from_new = self.nodes[grasp.node].to_local(&nodes[node]);
                 grasp.rename(node, &old_from_new);
             }
@@ -243,7 +259,7 @@ impl Balance {
     pub(super) fn step(
         &mut self,
         puzzle: &mut Puzzle,
-        grasps: &mut [Grasp; 2],
+        grasps: &mut PerArm<Grasp>,
         around: &Surroundings,
     ) {
         // While the operator's hand holds the cube, no gripper carries it alone.
@@ -272,7 +288,7 @@ impl Balance {
     fn find_balance(
         &mut self,
         puzzle: &Puzzle,
-        grasps: &[Grasp; 2],
+        grasps: &PerArm<Grasp>,
         around: &Surroundings,
     ) -> Option<Bearing> {
         let bodies = self.bodies();
@@ -300,7 +316,7 @@ impl Balance {
         &mut self,
         system: &mut System,
         puzzle: &Puzzle,
-        grasps: &[Grasp; 2],
+        grasps: &PerArm<Grasp>,
         around: &Surroundings,
     ) -> Load {
         let Surroundings { tools, hands, hold, weight, dt } = around;
@@ -370,8 +386,8 @@ impl Balance {
         &self,
         system: &mut System,
         Load { bearing, joint }: &Load,
-        grasps: &[Grasp; 2],
-        tools: &[Frame; 2],
+        grasps: &PerArm<Grasp>,
+        tools: &PerArm<Frame>,
     ) {
         for (i, touch) in self.touches.iter().enumerate() {
             // Attached pads that do not press keep a small stiffness, which keeps the matrix
@@ -413,13 +429,9 @@ impl Balance {
     /// Moves a cube that only one gripper holds along with its tool, as the solver's first guess.
     /// If the solver began at the cube's last pose, a tool at 0.5 m/s would seem to strain the pads
     /// beyond their friction, and the cube would slip.
-    fn carry(&mut self, grasps: &[Grasp; 2], tools: &[Frame; 2]) {
-        let alone = match (grasps[0].attached(), grasps[1].attached()) {
-            (true, false) => 0,
-            (false, true) => 1,
-            _ => return,
-        };
-        let Some(before) = self.tools_before else { return };
+    fn carry(&mut self, grasps: &PerArm<Grasp>, tools: &PerArm<Frame>) {
+        let alone = only(grasps.each_ref().map(Grasp::attached));
+        let (Some(alone), Some(before)) = (alone, self.tools_before) else { return };
         let moved = tools[alone].times(&before[alone].inverse());
         for node in &mut self.nodes {
             *node = moved.times(node);

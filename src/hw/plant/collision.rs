@@ -12,7 +12,7 @@
 use super::arm::PlantArm;
 use super::frame::Frame;
 use super::verdict::{Incident, Part};
-use crate::cell::Gripper;
+use crate::cell::{Gripper, MOST_ARMS, PerArm};
 use crate::motion::AXES;
 use nalgebra::Vector3;
 
@@ -66,7 +66,7 @@ struct Shape {
 /// All parts that may collide, at one instant.
 #[derive(Debug, Clone, Copy)]
 struct Scene {
-    arms: [Option<Shape>; 2],
+    arms: PerArm<Option<Shape>>,
     /// Corners of the cube.
     corners: [Vector3<f64>; 8],
 }
@@ -74,13 +74,13 @@ struct Scene {
 /// Contacts at the end of the last period, and the forces that they make.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Collisions {
-    /// Set of the pairs of parts in contact, one bit for each pair.
-    active: u128,
+    /// Set of the pairs of parts in contact, one bit for each pair: at most 207.
+    active: [u128; 2],
     /// Scene at the end of the last period.
     before: Option<Scene>,
     /// Joint torques of the obstacles, per arm.
-    pub(super) torques: [[f64; AXES]; 2],
-    /// Least distance between a part of one arm and a part of the other in this run (m); `None`
+    pub(super) torques: PerArm<[f64; AXES]>,
+    /// Least distance between a part of one arm and a part of another in this run (m); `None`
     /// while the arms were far from each other.
     pub(super) arms_apart: Option<f64>,
 }
@@ -96,8 +96,8 @@ pub(super) struct HeldCube {
 pub(super) struct Bodies<'a> {
     pub(super) arms: &'a [PlantArm],
     /// Openings of the jaws (m).
-    pub(super) openings: [f64; 2],
-    pub(super) grippers: [&'a Gripper; 2],
+    pub(super) openings: PerArm<f64>,
+    pub(super) grippers: PerArm<&'a Gripper>,
     pub(super) cube: HeldCube,
     /// Height of the table (m).
     pub(super) table: f64,
@@ -107,7 +107,7 @@ impl Collisions {
     /// Checks arms, cube and table for contacts, now and on the way since the last period, and
     /// calls `found` with each contact that is new. Contacts that exist now push the arms.
     pub(super) fn look(&mut self, bodies: &Bodies<'_>, mut found: impl FnMut(Incident)) {
-        self.torques = [[0.0; AXES]; 2];
+        self.torques = [[0.0; AXES]; MOST_ARMS];
         let now = Scene::of(bodies);
         if let Some(before) = self.before.replace(now) {
             // Between two periods a fast finger could pass through another one.
@@ -130,13 +130,12 @@ impl Collisions {
         found: &mut impl FnMut(Incident),
     ) {
         let mut look = Look { collisions: self, bodies, push, found, index: 0 };
-        let near = scene.arms[1].is_some()
-            && (bodies.arms[0].world_from_flange.p - bodies.arms[1].world_from_flange.p)
-                .norm_squared()
-                < FAR * FAR;
         look.arms_and_table(scene);
-        look.two_arms(scene, near);
-        look.cube(scene, near);
+        let count = bodies.arms.len();
+        for pair in (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))) {
+            look.two_arms(scene, pair);
+        }
+        look.cube(scene);
     }
 
     /// Adds the joint torques with which a contact pushes its parts `a` and `b` apart. `holder` is
@@ -194,9 +193,9 @@ impl<F: FnMut(Incident)> Look<'_, F> {
     /// Reports the contact of the parts `a` and `b` if it is new, and pushes them apart. `contact`
     /// is `None` for parts that are too far apart to touch.
     fn touched(&mut self, contact: Option<Contact>, a: Part, b: Part) {
-        let bit = 1_u128 << self.index;
+        let bit = 1_u128 << (self.index % u128::BITS);
+        let active = &mut self.collisions.active[(self.index / u128::BITS) as usize];
         self.index += 1;
-        let active = &mut self.collisions.active;
         let depth = contact.map_or(f64::NEG_INFINITY, |c| c.depth);
         // A contact ends only once its parts are apart: parts that tremble against each other are
         // reported once.
@@ -219,7 +218,7 @@ impl<F: FnMut(Incident)> Look<'_, F> {
     /// well above it.
     fn arms_and_table(&mut self, scene: &Scene) {
         let table = self.bodies.table;
-        for (i, shape) in scene.arms.iter().enumerate() {
+        for (i, shape) in scene.arms.iter().enumerate().take(self.bodies.arms.len()) {
             for k in 0..4 {
                 let contact = shape.as_ref().map(|s| above_table(&s.capsules[k], table));
                 self.touched(contact, part(i, k), Part::Table);
@@ -227,10 +226,18 @@ impl<F: FnMut(Incident)> Look<'_, F> {
         }
     }
 
-    /// Checks the two arms for contact with each other: capsules against capsules, then palms
-    /// against fingers. `near` is whether they are close enough to touch.
-    fn two_arms(&mut self, scene: &Scene, near: bool) {
-        let [first, second] = [scene.arms[0].as_ref(), scene.arms[1].as_ref()];
+    /// Checks whether two arms are close enough to touch.
+    fn are_near(&self, (a, b): (usize, usize)) -> bool {
+        let arms = self.bodies.arms;
+        let apart = arms[a].world_from_flange.p - arms[b].world_from_flange.p;
+        apart.norm_squared() < FAR * FAR
+    }
+
+    /// Checks two arms `a` and `b` for contact with each other: capsules against capsules, then
+    /// palms against fingers.
+    fn two_arms(&mut self, scene: &Scene, (a, b): (usize, usize)) {
+        let near = self.are_near((a, b));
+        let [first, second] = [scene.arms[a].as_ref(), scene.arms[b].as_ref()];
         for k in 0..CAPSULES {
             for l in 0..CAPSULES {
                 let contact = match (first, second) {
@@ -240,17 +247,17 @@ impl<F: FnMut(Incident)> Look<'_, F> {
                     _ => None,
                 };
                 self.keep_least_distance(contact);
-                self.touched(contact, part(0, k), part(1, l));
+                self.touched(contact, part(a, k), part(b, l));
             }
         }
-        for (owner, plate, other) in [(0, first, second), (1, second, first)] {
+        for (owner, guest, plate, other) in [(a, b, first, second), (b, a, second, first)] {
             for k in 0..2 {
                 let contact = match (plate, other) {
                     (Some(plate), Some(other)) if near => Some(plate.meets(&other.capsules[k])),
                     _ => None,
                 };
                 self.keep_least_distance(contact);
-                self.touched(contact, part(1 - owner, k), Part::Palm(owner));
+                self.touched(contact, part(guest, k), Part::Palm(owner));
             }
         }
     }
@@ -263,9 +270,8 @@ impl<F: FnMut(Incident)> Look<'_, F> {
         }
     }
 
-    /// Checks a cube that one arm alone holds for contact with the other arm and the table. `near`
-    /// is whether the arms are close enough to touch.
-    fn cube(&mut self, scene: &Scene, near: bool) {
+    /// Checks a cube that one arm alone holds for contact with the other arms and the table.
+    fn cube(&mut self, scene: &Scene) {
         let deepest = |f: &dyn Fn(&Capsule) -> Contact| {
             let mut worst: Option<Contact> = None;
             for at in &scene.corners {
@@ -284,8 +290,10 @@ impl<F: FnMut(Incident)> Look<'_, F> {
         let table_contact =
             if any { deepest(&|c| above_table(c, table - LAID_DOWN)) } else { None };
         self.touched(table_contact, Part::Cube, Part::Table);
-        for (i, shape) in scene.arms.iter().enumerate() {
-            let other = if any && near && holder != Some(i) { shape.as_ref() } else { None };
+        for (i, shape) in scene.arms.iter().enumerate().take(self.bodies.arms.len()) {
+            // Arms that are far from the holder cannot touch its cube.
+            let near = holder.is_some_and(|holder| holder != i && self.are_near((holder, i)));
+            let other = shape.as_ref().filter(|_| near);
             // Fingers are left out: their contact with the cube belongs to the grasp.
             for k in 2..CAPSULES {
                 let contact = other.and_then(|s| deepest(&|c| capsules(c, &s.capsules[k])));
@@ -469,7 +477,7 @@ mod tests {
             let palm = Frame::rotated(nalgebra::Matrix3::identity());
             let shape =
                 Shape { capsules: [finger(x); CAPSULES], palm, palm_half: Vector3::zeros() };
-            Scene { arms: [Some(shape), None], corners: [Vector3::zeros(); 8] }
+            Scene { arms: [Some(shape), None, None, None], corners: [Vector3::zeros(); 8] }
         };
         let (before, after, obstacle) = (scene(-0.01), scene(0.01), finger(0.0));
         let depth = |s: &Scene| capsules(&s.arms[0].unwrap().capsules[0], &obstacle).depth;

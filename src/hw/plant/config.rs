@@ -8,7 +8,7 @@ use super::dynamics::{LINKS, Link};
 use super::fault::Fault;
 use super::frame::{Frame, rotation};
 use super::objects::spec::{LeadConfig, ObjectConfig, Probe};
-use crate::cell::Cell;
+use crate::cell::{Cell, MOST_ARMS, PerArm};
 use crate::motion::AXES;
 use crate::servo::period::Length;
 use crate::spatial::Pose;
@@ -39,13 +39,13 @@ pub struct PlantConfig {
     /// order.
     pub facelets: [u8; 54],
     /// Whether the controllers of each arm are synchronised when the run begins.
-    pub synchronised: [bool; 2],
+    pub synchronised: PerArm<bool>,
     /// Faults to inject; indices of arms and axes must fit the cell.
     pub faults: Vec<Fault>,
     /// Rigid objects beside the cube.
     pub objects: Vec<ObjectConfig>,
     /// Probe on the tool of each arm.
-    pub probes: [Option<Probe>; 2],
+    pub probes: PerArm<Option<Probe>>,
     /// Persons who lead a tool by hand.
     pub leads: Vec<LeadConfig>,
     /// Length of a servo period.
@@ -70,10 +70,10 @@ impl PlantConfig {
             start: Start::Hand,
             start_grip: 30.0,
             facelets: std::array::from_fn(|i| (i / 9) as u8),
-            synchronised: [true; 2],
+            synchronised: [true; MOST_ARMS],
             faults: Vec::new(),
             objects: Vec::new(),
-            probes: [None; 2],
+            probes: [None; MOST_ARMS],
             leads: Vec::new(),
             period: Length::default(),
             substeps: 4,

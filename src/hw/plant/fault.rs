@@ -8,6 +8,7 @@
 //! - there is no random draw, and a plant without faults behaves as if this module did not exist
 
 use super::verdict::Incident;
+use crate::cell::{MOST_ARMS, PerArm};
 use crate::motion::AXES;
 use crate::servo::io::{ArmReading, JAW};
 use nalgebra::Vector3;
@@ -213,26 +214,26 @@ pub(super) struct Faults {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Acting {
     /// Factor of the friction of each hand's pads.
-    pub(super) friction: [f64; 2],
+    pub(super) friction: PerArm<f64>,
     /// Whether each hand loses the cube now.
-    pub(super) lost: [bool; 2],
+    pub(super) lost: PerArm<bool>,
     /// Additional torque that each layer needs (Nm).
     pub(super) torque: f64,
     /// Time in which a turned layer slips back by a quarter (s).
     pub(super) undo: Option<f64>,
     /// Forces on the tools, in the world (N).
-    pub(super) push: [Vector3<f64>; 2],
+    pub(super) push: PerArm<Vector3<f64>>,
     /// Whether the operator withdraws the cube now.
     pub(super) withdraw: bool,
 }
 
 impl Acting {
     const NONE: Self = Self {
-        friction: [1.0; 2],
-        lost: [false; 2],
+        friction: [1.0; MOST_ARMS],
+        lost: [false; MOST_ARMS],
         torque: 0.0,
         undo: None,
-        push: [Vector3::new(0.0, 0.0, 0.0); 2],
+        push: [Vector3::new(0.0, 0.0, 0.0); MOST_ARMS],
         withdraw: false,
     };
 }

@@ -23,7 +23,7 @@
 
 use super::config::Jaws;
 use super::frame::{Frame, nearest_alignment, rotation_vector};
-use crate::cell::{Cell, Gripper};
+use crate::cell::{Cell, Gripper, PerArm};
 use crate::motion::Depth;
 use nalgebra::{Matrix6, Vector3};
 use std::f64::consts::FRAC_PI_2;
@@ -549,6 +549,12 @@ fn point_load(t: &mut Touch, x: f64, y: f64, f: f64, k: f64) {
             t.stiffness[(i, l)] += k * a * b;
         }
     }
+}
+
+/// Returns the index of the only arm in a set; `None` for a set of none or several.
+pub(super) fn only(set: PerArm<bool>) -> Option<usize> {
+    let first = set.iter().position(|is| *is)?;
+    (!set[first + 1..].contains(&true)).then_some(first)
 }
 
 #[cfg(test)]

@@ -349,7 +349,7 @@ impl OperatorHand {
             Phase::Bringing { since } => self.offer(t, since + s.arrival, sight, &lasting),
             // A withdrawal takes 1 s out, `AWAY`, and 1 s back.
             Phase::DrawingBack { since, .. } => {
-                self.offer(t, since + (2.0 + AWAY), sight, &lasting)
+                self.offer(t, since + (2.0 + AWAY), sight, &lasting);
             }
             Phase::Leaving { since, .. } if t > since + EMPTY_TRIP => self.phase = Phase::Gone,
             // A cube that fell is brought once more, as at first.

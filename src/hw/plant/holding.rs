@@ -145,7 +145,7 @@ impl Plant {
         self.grasps[i] = self.grasps[i].ended();
     }
 
-    /// Decides from the two grasps whether the cube is one body, or two that can turn against each
+    /// Decides from the grasps whether the cube is one body, or two that can turn against each
     /// other, and about which axis.
     pub(super) fn regroup(&mut self) {
         // Between two axes the misaligned one turns: it blocks the other.
@@ -180,8 +180,8 @@ impl Plant {
         // The first gripper's wrench about the core is the load on both axes: the second hand
         // balances it.
         let core = self.balance.core(&self.puzzle);
-        let tool = self.tool(0);
-        let touch = &self.balance.touches[0];
+        let hand = now.hands[0];
+        let (tool, touch) = (self.tool(hand), &self.balance.touches[hand]);
         let force = tool.r * touch.force;
         let torque = tool.r * touch.torque + (tool.p - core.p).cross(&force);
         let load = |split: &Split| {
@@ -200,26 +200,29 @@ impl Plant {
         }
     }
 
-    /// Returns the possible divisions of the cube into two bodies while both grippers hold it: one
+    /// Returns the possible divisions of the cube into two bodies while two grippers hold it: one
     /// for each axis along a palm's normal if that gripper holds an outer layer alone, and the
-    /// grippers share no layer.
+    /// grippers share no layer. A cube in three hands or more is one body.
     fn splits(&self) -> impl Iterator<Item = Split> + use<> {
-        let both = self.grasps.iter().all(Grasp::attached) && self.arms.len() == 2;
         let core = self.balance.core(&self.puzzle);
         let mut found = [None; 3];
-        if both {
-            let held = [self.layers_held(0, &core), self.layers_held(1, &core)];
+        let mut attached = (0..self.arms.len()).filter(|&i| self.grasps[i].attached());
+        if let (Some(first), Some(second), None) =
+            (attached.next(), attached.next(), attached.next())
+        {
+            let hands = [first, second];
+            let held = hands.map(|hand| self.layers_held(hand, &core));
             for (axis, split) in found.iter_mut().enumerate() {
                 let layers = [held[0][axis], held[1][axis]];
                 // Hands with a common layer hold each other, and a hand without a layer holds
                 // nothing to turn.
                 let apart = layers[0] & layers[1] == 0 && layers[0] != 0 && layers[1] != 0;
                 let under_a_palm = (0..2).any(|i| {
-                    let local = self.tool(i).to_local(&core);
+                    let local = self.tool(hands[i]).to_local(&core);
                     let along = nearest_alignment(&local.r)[(2, axis)] != 0.0;
                     along && matches!(layers[i], 1 | 4)
                 });
-                *split = (apart && under_a_palm).then_some(Split { axis, layers });
+                *split = (apart && under_a_palm).then_some(Split { axis, layers, hands });
             }
         }
         found.into_iter().flatten()

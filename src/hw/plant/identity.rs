@@ -1,9 +1,16 @@
 //! Identity of a plant: a plant continues only from a saved state of the same identity.
 
 use super::config::{HandScript, MotorDynamics, PlantConfig};
+use super::objects::spec::Probe;
+use crate::cell::MOST_ARMS;
 use crate::motion::JointPositions;
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
+
+/// Returns the probes of the arms: always two at least, as before there were cells of more arms.
+fn probes_of(config: &PlantConfig) -> &[Option<Probe>] {
+    &config.probes[..config.cell.arms.len().clamp(2, MOST_ARMS)]
+}
 
 /// Returns a CRC-32 over all digits of each number of `parts`, in the order of the fields.
 fn checksum(parts: &dyn Debug) -> u32 {
@@ -43,7 +50,7 @@ impl Identity {
             synchronised: _,
             faults: _,
             objects,
-            probes,
+            probes: _,
             leads,
             period: _,
             substeps,
@@ -55,7 +62,8 @@ impl Identity {
         }
         let mut mechanics = checksum(&(arms, cube, jaws, noise, hand, substeps));
         // A cell without objects keeps the identity that it had before there were any.
-        if !objects.is_empty() || !leads.is_empty() || *probes != [None; 2] {
+        let probes = probes_of(config);
+        if !objects.is_empty() || !leads.is_empty() || probes.iter().any(Option::is_some) {
             mechanics ^= checksum(&(objects, probes, leads));
         }
         Self { seed, cell: checksum(&cell), mechanics }
@@ -75,7 +83,7 @@ impl Identity {
     #[must_use]
     pub fn bounds(config: &PlantConfig) -> u32 {
         let PlantConfig { cell, arms, cube, jaws, noise, hand, period, substeps, .. } = config;
-        let PlantConfig { objects, probes, leads, .. } = config;
+        let PlantConfig { objects, leads, .. } = config;
         let HandScript {
             appears,
             arrival,
@@ -113,7 +121,8 @@ impl Identity {
         let delay = noise.delay_periods;
         let known =
             checksum(&(Self::MODEL, arms, cube, jaws, steps, limits, heats, delay, operator));
-        if objects.is_empty() && leads.is_empty() && *probes == [None; 2] {
+        let probes = probes_of(config);
+        if objects.is_empty() && leads.is_empty() && probes.iter().all(Option::is_none) {
             return known;
         }
         known ^ checksum(&(objects, probes, leads))

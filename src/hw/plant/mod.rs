@@ -58,7 +58,7 @@ use self::collision::Collisions;
 use self::cube::Puzzle;
 use self::fault::{Faults, OutsideFault};
 use self::frame::{Frame, about};
-use self::grasp::{Grasp, Hands, Touch};
+use self::grasp::{Grasp, Hands, Touch, only};
 use self::hand::OperatorHand;
 use self::jaw::PlantJaw;
 use self::objects::{Objects, Tool};
@@ -67,7 +67,7 @@ use self::stop_watch::StopWatch;
 use self::undoing::Undoing;
 use super::port::{Port, PortFault};
 use super::scene::{Scene, SceneArm, SceneCube};
-use crate::cell::{Cell, Gripper};
+use crate::cell::{Cell, Gripper, MOST_ARMS, PerArm};
 use crate::cube::{Axis, Face, Keeper};
 use crate::motion::{AXES, Depth};
 use crate::servo::io::{ArmDrive, ArmReading, JAW};
@@ -128,12 +128,12 @@ pub struct Plant {
     jaws: Vec<PlantJaw>,
     sensors: Vec<WristSensor>,
     /// Positions of the palms' stops, per arm.
-    stops: [Depth; 2],
+    stops: PerArm<Depth>,
     /// Stickers and layers of the cube.
     puzzle: Puzzle,
     /// Poses of the cube's bodies, from the balance of forces on them.
     balance: Balance,
-    grasps: [Grasp; 2],
+    grasps: PerArm<Grasp>,
     /// Inertia of a cube that one arm alone carries.
     carried: Carried,
     hand: OperatorHand,
@@ -151,13 +151,13 @@ pub struct Plant {
     /// Rigid objects beside the cube.
     objects: Objects,
     /// Whether the cube met the ends or edges of the fingers in the last period, per arm.
-    fronts: [bool; 2],
+    fronts: PerArm<bool>,
     /// Whether a pop of the cube has been reported.
     popped: bool,
     /// Whether a crush of the cube has been reported, per arm.
-    crushed: [bool; 2],
+    crushed: PerArm<bool>,
     /// Whether each wrist sensor was at the end of its range in the last period.
-    saturated: [bool; 2],
+    saturated: PerArm<bool>,
     /// Watch for acts after a stop, with the state of the power stages.
     stop_watch: StopWatch,
     /// Faults to inject.
@@ -175,13 +175,13 @@ impl Plant {
     /// Makes a plant at rest.
     ///
     /// # Errors
-    /// [`PortFault`] when the cell has no arm or more than two, when the configuration lacks the
-    /// dynamics of an arm, or when an arm that does not exist is to hold the cube.
+    /// [`PortFault`] when the cell has no arm or more than [`MOST_ARMS`], when the configuration
+    /// lacks the dynamics of an arm, or when an arm that does not exist is to hold the cube.
     pub fn new(config: PlantConfig, seed: u64) -> Result<Self, PortFault> {
         let count = config.cell.arms.len();
-        if !(1..=2).contains(&count) || config.arms.len() != count {
+        if !(1..=MOST_ARMS).contains(&count) || config.arms.len() != count {
             let given = config.arms.len();
-            let needs = "the plant needs 1 or 2 arms and the dynamics of each";
+            let needs = format!("the plant needs 1 to {MOST_ARMS} arms and the dynamics of each");
             let reason = format!("{needs}, not {count} arms and the dynamics of {given}");
             return Err(PortFault { effector: 0, reason });
         }
@@ -217,10 +217,10 @@ impl Plant {
         Ok(Self {
             jaws: start::jaws(&config),
             sensors: start::sensors(&config, seed),
-            stops: [Depth::One; 2],
+            stops: [Depth::One; MOST_ARMS],
             puzzle: start::puzzle(&config, seed),
             balance: Balance::new(world_from_cube, cell.cube.edge, cell.table_height),
-            grasps: [Grasp::OPEN; 2],
+            grasps: [Grasp::OPEN; MOST_ARMS],
             carried: Carried::default(),
             hand,
             state,
@@ -231,10 +231,10 @@ impl Plant {
             watch: StillWatch::default(),
             collisions: Collisions::default(),
             objects: start::objects(&config, seed),
-            fronts: [false; 2],
+            fronts: [false; MOST_ARMS],
             popped: false,
-            crushed: [false; 2],
-            saturated: [false; 2],
+            crushed: [false; MOST_ARMS],
+            saturated: [false; MOST_ARMS],
             stop_watch: StopWatch::default(),
             faults: Faults::new(&[]),
             operator_has: config.start == Start::Hand,
@@ -260,7 +260,7 @@ impl Plant {
         let axis = self.puzzle.turned_axis();
         let [negative, positive] = self.puzzle.angles[axis];
         let scene_arm = |i: usize| {
-            // In a cell of one arm the second entry repeats the first; `arm_count` excludes it.
+            // The entries beyond `arm_count` repeat the last arm.
             let i = i.min(self.arms.len() - 1);
             let arm = &self.arms[i];
             SceneArm {
@@ -279,7 +279,7 @@ impl Plant {
                 facelets: *self.puzzle.stickers(),
                 turned: (Axis::ALL[axis], negative, positive),
             },
-            arms: [scene_arm(0), scene_arm(1)],
+            arms: std::array::from_fn(scene_arm),
             arm_count: self.arms.len(),
             hand: self.hand.pose(self.time()).map(Frame::to_pose),
             objects: self.objects.scene(),
@@ -369,17 +369,19 @@ impl Plant {
         self.period as f64 * self.config.period.seconds()
     }
 
-    /// Checks whether both arms hold the cube.
+    /// Checks whether two arms, or more, hold the cube.
     fn both_hold(&self) -> bool {
-        self.grasps.iter().all(Grasp::holds)
+        self.grasps.iter().filter(|grasp| grasp.holds()).count() >= 2
     }
 
     /// Counts what an arm does after a stop.
     fn watch_stops(&mut self, drives: &[ArmDrive]) {
-        let on = [0, 1].map(|i| drives.get(i).is_some_and(|drive: &ArmDrive| drive.enabled));
+        let enabled = |i: usize| drives.get(i).is_some_and(|drive| drive.enabled);
+        let on = std::array::from_fn(enabled);
         let time = (self.time(), self.config.period.seconds());
         let arms = &self.arms;
-        let joints = || [0, 1].map(|i| arms.get(i).map_or([0.0; AXES], PlantArm::held_joints));
+        let held = |i: usize| arms.get(i).map_or([0.0; AXES], PlantArm::held_joints);
+        let joints = || std::array::from_fn(held);
         let violations = &mut self.verdict.counts.violations;
         self.stop_watch.watch(time, on, joints, violations);
     }
@@ -464,7 +466,7 @@ impl Plant {
     }
 
     /// Returns the tools as the objects meet them.
-    fn tools(&self) -> [Option<Tool<'_>>; 2] {
+    fn tools(&self) -> PerArm<Option<Tool<'_>>> {
         std::array::from_fn(|i| {
             let arm = self.arms.get(i)?;
             let frame = arm.world_from_tool;
@@ -510,7 +512,7 @@ impl Plant {
     /// operator's hand, or goes to where all forces on it balance.
     fn step_cube(&mut self, t: f64, dt: f64) {
         let edge = self.config.cell.cube.edge;
-        self.balance.touches = [Touch::NONE; 2];
+        self.balance.touches = [Touch::NONE; MOST_ARMS];
         if let State::Falling { mut velocity } = self.state {
             // Free fall: the cube keeps the velocity and the orientation of its release.
             velocity.z -= GRAVITY * dt;
@@ -529,12 +531,12 @@ impl Plant {
             stiffness: self.config.hand.stiffness,
             damping: self.config.hand.damping,
         });
-        let tools = [self.tool(0), self.tool(1)];
+        let tools: PerArm<Frame> = std::array::from_fn(|i| self.tool(i));
         let near = |i: usize| {
             i < self.arms.len() && (tools[i].p - self.balance.nodes[0].p).norm_squared() < 0.04
         };
         // With no gripper within 0.2 m the cube follows the hand without a balance of forces.
-        if !near(0) && !near(1) && !self.grasps.iter().any(grasp::Grasp::attached) {
+        if !(0..self.arms.len()).any(near) && !self.grasps.iter().any(grasp::Grasp::attached) {
             if let (Some(hold), State::Held) = (&hold, self.state) {
                 self.balance.place(hold.world_from_cube);
                 self.balance.hand_comes(&hold.world_from_cube);
@@ -546,9 +548,9 @@ impl Plant {
             let jaws = self.config.jaws;
             Jaws { friction: share * jaws.friction, ..jaws }
         });
-        let layers: [Frame; 2] =
+        let layers: PerArm<Frame> =
             std::array::from_fn(|i| if near(i) { self.layer_ahead(i) } else { Frame::IDENTITY });
-        let hands: [Option<Hands>; 2] = std::array::from_fn(|i| {
+        let hands: PerArm<Option<Hands>> = std::array::from_fn(|i| {
             near(i).then(|| {
                 let (opening, stops) = (self.jaws[i].opening(), self.stops[i]);
                 Hands {
@@ -567,17 +569,13 @@ impl Plant {
     /// Computes the inertial force on a cube that one arm alone holds, from the motion of that arm
     /// in this period. The force acts in the next period.
     fn feel_inertia_of_cube(&mut self) {
-        let holder = match [0, 1].map(|i| self.grasps[i].holds()) {
-            [true, false] => Some(0),
-            [false, true] => Some(1),
-            _ => None,
-        };
+        let holder = only(self.grasps.each_ref().map(Grasp::holds));
         let centre = self.balance.core(&self.puzzle).p;
         let now = holder.map(|i| (i, self.arms[i].velocity_at(&centre).0));
         self.carried.advance(now, self.config.cell.cube.mass, self.config.period.seconds());
     }
 
-    /// Returns `world_from_tool` of arm `i`, or of the only arm in a cell of one.
+    /// Returns `world_from_tool` of arm `i`, or of the last arm if there is no arm `i`.
     fn tool(&self, i: usize) -> Frame {
         self.arms[i.min(self.arms.len() - 1)].world_from_tool
     }

@@ -17,6 +17,7 @@ use super::objects::{SavedLead, SavedObject};
 use super::plausible::{self, Wrong};
 use super::verdict::Counts;
 use super::{Plant, State};
+use crate::cell::MOST_ARMS;
 use crate::hw::text;
 use crate::motion::{AXES, Depth};
 use nalgebra::Vector3;
@@ -41,19 +42,19 @@ pub struct Saved {
     identity: Identity,
     arms: Vec<SavedArm>,
     jaws: Vec<(f64, Encoder)>,
-    stops: [Depth; 2],
+    stops: Vec<Depth>,
     stickers: Vec<u8>,
     angles: [[f64; 2]; 3],
     nodes: [Frame; 2],
     split: Option<Split>,
-    grasps: [Grasp; 2],
+    grasps: Vec<Grasp>,
     hand: SavedHand,
     state: State,
     last_holder: Option<usize>,
     operator_has: bool,
     angle_at_split: f64,
     counts: Counts,
-    grasped: [u32; 2],
+    grasped: Vec<u32>,
     /// Objects beside the cube; a cell without any has the same file as before there were objects.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     objects: Vec<SavedObject>,
@@ -93,6 +94,12 @@ pub enum Unfit {
     /// The state was made with another seed, in another cell, or with other plant keys.
     #[error("the state of another plant: {0}")]
     Other(String),
+}
+
+/// Returns the number of entries of a list with one for each arm, in a cell of `arms` arms: two at
+/// least, as before there were cells of more arms.
+fn entries(arms: usize) -> usize {
+    arms.clamp(2, MOST_ARMS)
 }
 
 /// Part of the file that each version has.
@@ -148,7 +155,7 @@ impl Saved {
     /// Checks that all indices (of axes, bodies and arms) and sets of layers are in their ranges.
     fn check_indices(&self) -> Result<(), Wrong> {
         let wrong = |place: &str, why: &str| Err((place.to_owned(), why.to_owned()));
-        if let Some(Split { axis, layers: [a, b] }) = self.split {
+        if let Some(Split { axis, layers: [a, b], hands }) = self.split {
             if axis > 2 {
                 return wrong("split.axis", "not an axis of the cube, 0 to 2");
             }
@@ -158,14 +165,21 @@ impl Saved {
                     "not two separate sets of an axis's three layers (bits 1, 2, 4)",
                 );
             }
+            if hands[0] == hands[1] || hands.into_iter().any(|hand| hand >= self.grasps.len()) {
+                return wrong("split.hands", "not the indices of two arms");
+            }
+        }
+        let arms = entries(self.arms.len());
+        if [self.stops.len(), self.grasps.len(), self.grasped.len()] != [arms; 3] {
+            return wrong("grasps", "not one entry for each arm in stops, grasps and grasped");
         }
         for (i, grasp) in self.grasps.iter().enumerate() {
             if grasp.node > 1 {
                 return wrong(&format!("grasps[{i}].node"), "not a body of the cube, 0 or 1");
             }
         }
-        if self.last_holder.is_some_and(|arm| arm > 1) {
-            return wrong("last_holder", "not the index of an arm, 0 or 1");
+        if self.last_holder.is_some_and(|arm| arm >= arms) {
+            return wrong("last_holder", "not the index of an arm");
         }
         Ok(())
     }
@@ -197,7 +211,8 @@ impl Plant {
     /// Returns the present state, to be saved.
     #[must_use]
     pub fn saved(&self) -> Saved {
-        let (objects, leads) = self.objects.saved();
+        let arms = entries(self.arms.len());
+        let (objects, leads) = self.objects.saved(arms);
         Saved {
             objects,
             leads,
@@ -205,19 +220,19 @@ impl Plant {
             identity: self.identity,
             arms: self.arms.iter().map(super::PlantArm::saved).collect(),
             jaws: self.jaws.iter().map(super::PlantJaw::saved).collect(),
-            stops: self.stops,
+            stops: self.stops[..arms].to_vec(),
             stickers: self.puzzle.stickers().to_vec(),
             angles: self.puzzle.angles,
             nodes: self.balance.nodes,
             split: self.balance.split,
-            grasps: self.grasps,
+            grasps: self.grasps[..arms].to_vec(),
             hand: self.hand.saved(self.time()),
             state: self.state,
             last_holder: self.last_holder,
             operator_has: self.operator_has,
             angle_at_split: self.angle_at_split,
             counts: self.verdict.counts,
-            grasped: self.verdict.grasps,
+            grasped: self.verdict.grasps[..arms].to_vec(),
         }
     }
 
@@ -278,10 +293,15 @@ impl Plant {
         }
         self.balance.restore(saved.nodes, saved.split);
         self.hand.restore(&saved.hand);
-        (self.stops, self.grasps, self.state) = (saved.stops, saved.grasps, saved.state);
+        // `check_indices` has compared the numbers of entries.
+        let arms = saved.grasps.len().min(MOST_ARMS);
+        self.stops[..arms].copy_from_slice(&saved.stops[..arms]);
+        self.grasps[..arms].copy_from_slice(&saved.grasps[..arms]);
+        self.verdict.grasps[..arms].copy_from_slice(&saved.grasped[..arms]);
+        self.state = saved.state;
         (self.last_holder, self.operator_has) = (saved.last_holder, saved.operator_has);
         self.angle_at_split = saved.angle_at_split;
-        (self.verdict.counts, self.verdict.grasps) = (saved.counts, saved.grasped);
+        self.verdict.counts = saved.counts;
         self.core = self.balance.core(&self.puzzle);
         // The core is where it was, so the first velocity is 0.
         self.record_period();
@@ -400,7 +420,7 @@ mod tests {
     fn start_and_faults_do_not_change_plant_identity() {
         let mut config = PlantConfig::new(testing::cell());
         config.facelets.swap(0, 10);
-        config.synchronised = [false; 2];
+        config.synchronised = [false; MOST_ARMS];
         config.start_grip += 1.0;
         config.cell.arms[0].start.0[1] += 0.1;
         config.faults.push(Fault {

@@ -12,6 +12,7 @@
 //! 0.56 s. No controller can end that, so the motors count and not the links.
 
 use super::verdict::Violations;
+use crate::cell::PerArm;
 use crate::motion::AXES;
 
 /// Time from the stop to the rest of all arms (s). A run ends some 0.6 s after its stop.
@@ -24,9 +25,9 @@ const MOVING: f64 = 0.1;
 #[derive(Debug, Clone, Default)]
 pub(super) struct StopWatch {
     /// Whether each arm's drives were on in the last period.
-    on: [bool; 2],
+    on: PerArm<bool>,
     /// Joints that the motors of each arm hold, in the last period after a stop (rad or m).
-    joints: [[f64; AXES]; 2],
+    joints: PerArm<[f64; AXES]>,
     /// Time of the first stop (s).
     stopped: Option<f64>,
     /// Whether a motion after it is counted.
@@ -35,7 +36,7 @@ pub(super) struct StopWatch {
 
 impl StopWatch {
     /// Returns whether the drives of each arm were on in the last period.
-    pub(super) fn on(&self) -> [bool; 2] {
+    pub(super) fn on(&self) -> PerArm<bool> {
         self.on
     }
 
@@ -45,8 +46,8 @@ impl StopWatch {
     pub(super) fn watch(
         &mut self,
         (time, dt): (f64, f64),
-        on: [bool; 2],
-        joints: impl FnOnce() -> [[f64; AXES]; 2],
+        on: PerArm<bool>,
+        joints: impl FnOnce() -> PerArm<[f64; AXES]>,
         violations: &mut Violations,
     ) {
         let was_on = std::mem::replace(&mut self.on, on);
@@ -83,13 +84,14 @@ impl StopWatch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::MOST_ARMS;
 
     /// Returns what a watch counts at these moments, 2 ms after each other from `begin` (s) on: the
     /// drives that are on, and the first joint of the second arm (rad).
-    fn counted(begin: f64, moments: &[([bool; 2], f64)]) -> Violations {
+    fn counted(begin: f64, moments: &[(PerArm<bool>, f64)]) -> Violations {
         let (mut watch, mut violations) = (StopWatch::default(), Violations::default());
         for (period, &(on, joint)) in moments.iter().enumerate() {
-            let mut joints = [[0.0; AXES]; 2];
+            let mut joints = [[0.0; AXES]; MOST_ARMS];
             joints[1][0] = joint;
             let time = begin + 2e-3 * period as f64;
             watch.watch((time, 2e-3), on, || joints, &mut violations);
@@ -99,7 +101,7 @@ mod tests {
 
     #[test]
     fn arm_may_yield_but_not_move_after_stop() {
-        let (on, held) = ([true; 2], [false, true]);
+        let (on, held) = ([true; MOST_ARMS], [false, true, true, true]);
         // Returns what is counted if the arm moves at `speed` (rad/s) this many periods after the
         // stop. The arm may yield for 275 periods, `SETTLED`.
         let after = |periods: usize, speed: f64| {
@@ -119,6 +121,6 @@ mod tests {
             Violations { restarts: 1, ..none }
         );
         // Drives that go on at the beginning break no rule, and neither does motion without a stop.
-        assert_eq!(counted(0.0, &[([false; 2], 0.0), (on, 0.0), (on, 9.0)]), none);
+        assert_eq!(counted(0.0, &[([false; MOST_ARMS], 0.0), (on, 0.0), (on, 9.0)]), none);
     }
 }

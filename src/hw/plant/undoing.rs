@@ -46,7 +46,7 @@ mod tests {
 
     #[test]
     fn fault_undoes_one_turn_and_no_other() {
-        let split = |axis| Some(Split { axis, layers: [6, 1] });
+        let split = |axis| Some(Split { axis, layers: [6, 1], hands: [0, 1] });
         let periods = [
             (None, 0.0),
             (split(1), 0.5 * TURNING),

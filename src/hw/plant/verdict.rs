@@ -1,6 +1,7 @@
 //! The plant's true account of a run: for summaries and tests, never for the controller.
 
 use super::objects::truth::ObjectTruth;
+use crate::cell::{MOST_ARMS, PerArm};
 use crate::cube::{Axis, Face, Keeper};
 use crate::spatial::Pose;
 
@@ -23,7 +24,7 @@ pub struct Verdict {
     pub returned: bool,
     /// Owner of the cube in the end; where it is the table, no person is in the cell.
     pub keeper: Keeper,
-    /// Whether both arms hold the cube.
+    /// Whether two arms, or more, hold the cube.
     pub both_hold: bool,
     /// Axis that layers turn about, or were turned about last.
     pub turning: Axis,
@@ -36,15 +37,15 @@ pub struct Verdict {
     /// Numbers of events by kind.
     pub counts: Counts,
     /// Jaw closings on the cube, per arm.
-    pub grasps: [u32; 2],
+    pub grasps: PerArm<u32>,
     /// Greatest contact force at a tool while both arms hold the cube, grip squeeze excluded (N).
     pub peak_force: f64,
     /// Greatest contact torque at a tool while both arms hold the cube (Nm).
     pub peak_torque: f64,
     /// Greatest contact force of each arm on the cube in the whole run (N).
-    pub arm_peak_force: [f64; 2],
+    pub arm_peak_force: PerArm<f64>,
     /// Greatest contact torque of each arm on the cube in the whole run (Nm).
-    pub arm_peak_torque: [f64; 2],
+    pub arm_peak_torque: PerArm<f64>,
     /// Greatest loads of motors and arms.
     pub exertion: Exertion,
     /// Events in order; at most [`MOST_EVENTS`].
@@ -116,7 +117,7 @@ pub enum Whereabouts {
     /// In the operator's hand alone.
     Hand,
     /// In the grippers of these arms, perhaps with the operator's hand.
-    Arms([bool; 2]),
+    Arms(PerArm<bool>),
     /// In the air.
     Falling,
     /// At rest on the table, or the tray there.
@@ -361,11 +362,11 @@ impl Verdict {
             layer_angles: [0.0; 2],
             turned: 0.0,
             counts: Counts::default(),
-            grasps: [0; 2],
+            grasps: [0; MOST_ARMS],
             peak_force: 0.0,
             peak_torque: 0.0,
-            arm_peak_force: [0.0; 2],
-            arm_peak_torque: [0.0; 2],
+            arm_peak_force: [0.0; MOST_ARMS],
+            arm_peak_torque: [0.0; MOST_ARMS],
             exertion: Exertion::default(),
             // A period must not allocate, so the list has its room from the start.
             events: Vec::with_capacity(MOST_EVENTS),

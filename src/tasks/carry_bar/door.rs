@@ -1,7 +1,7 @@
 //! The door of the task `carry_bar`: what a scenario must have for it, and how its kernel is made.
 
 use super::keys::Keys;
-use super::{Job, ROOM, carry};
+use super::{CARRIERS, Job, ROOM, perform};
 use crate::kernel::robot::{Robot, RobotKernel};
 use crate::registry::{Setup, Task};
 use crate::scenario::ControllerConfig;
@@ -17,8 +17,11 @@ impl Task for CarryBar {
     type Keys = Keys;
     type Kernel = RobotKernel;
     // Both hands must be at the same place of the way at each moment.
-    const PROPERTIES: Properties =
-        Properties { effectors: 2, coordination: &[Coordination::Continuous], ..Properties::PLAIN };
+    const PROPERTIES: Properties = Properties {
+        effectors: CARRIERS,
+        coordination: &[Coordination::Continuous],
+        ..Properties::PLAIN
+    };
 
     fn check(keys: &mut Keys, config: &ControllerConfig, reader: &mut Reader) {
         if keys.way.is_empty() || keys.way.len() != keys.turns.len() {
@@ -37,6 +40,10 @@ impl Task for CarryBar {
             );
             reader.fault("carry_bar.stop_force_n", reason);
         }
+        if keys.rounds > 0 && config.cell.arms.len() <= CARRIERS {
+            let reason = "`carry_bar.rounds`: there is no third [[effector]] that could go rounds";
+            reader.fault("carry_bar.rounds", reason);
+        }
         let full = config.control.linear_speed;
         if keys.speed > full {
             let reason = format!(
@@ -50,13 +57,14 @@ impl Task for CarryBar {
 
     fn kernel(setup: Setup<'_, Self>) -> Result<RobotKernel, String> {
         let (keys, config) = (setup.keys.clone(), setup.config);
-        for arm in &config.cell.arms {
+        for arm in config.cell.arms.iter().take(CARRIERS) {
             arm.opens_for("the bar", keys.width + ROOM)?;
         }
-        let arms = config.cell.arms.iter().map(|a| (a.world_from_base, a.flange_from_tool));
+        let carriers = config.cell.arms.iter().take(CARRIERS);
+        let arms = carriers.map(|a| (a.world_from_base, a.flange_from_tool));
         let share = (keys.speed / config.control.linear_speed).min(1.0);
         let limits = (config.control.grip, config.control.torque_limit);
         let job = Job::new(keys, arms.collect(), limits, share);
-        Ok(Robot::kernel(|robot| carry(robot, job)))
+        Ok(Robot::kernel(|robot| perform(robot, job)))
     }
 }

@@ -43,5 +43,9 @@ section! {
         /// Bound on the internal force of the bar, which must hold in 99 % of the time that both
         /// hands hold it.
         internal [n]: f64 = 15.0, 1.0..=100.0;
+        /// Number of rounds that each further arm goes by itself meanwhile, as in `patrol`.
+        rounds: u32 = 0, 0.0..=1000.0;
+        /// Angle by which the stops of such a round lie to both sides of the arm's start.
+        angle [deg]: f64 = 10.0, 3.0..=20.0;
     }
 }

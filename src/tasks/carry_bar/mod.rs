@@ -1,10 +1,13 @@
-//! The task `carry_bar`: both hands grip one rigid bar, carry it along a way with turns, and lay it
-//! down.
+//! The task `carry_bar`: the first two hands grip one rigid bar, carry it along a way with turns,
+//! and lay it down.
 //!
 //! The cooperation is tight and the coordination continuous (Zieliński et al. 2007, p. 369): MP
 //! computes the set values of both arms in each macrostep. The first hand keeps to the way. The
 //! second one has the same way and yields, so that errors of the bases, of the grips and of the
 //! tracking cost little force inside the bar.
+//!
+//! Each further arm goes rounds by a programme of its own meanwhile: the cooperation with it is
+//! independent, and its coordination absent.
 //!
 //! | case | reaction |
 //! |---|---|
@@ -23,17 +26,20 @@ pub use door::CarryBar;
 pub use keys::{Keys, Partner};
 pub use verdict::BarCarried;
 
+use super::patrol;
 use crate::generators::contact::{Carry, CarryOrder};
 use crate::generators::own::MotionGenerator as _;
 use crate::generators::paths::Polyline;
 use crate::generators::{Behaviour, Outcome, Selector};
-use crate::kernel::Until;
 use crate::kernel::robot::{Hindrance, Robot};
+use crate::kernel::{Message, Until};
 use crate::motion::{Depth, JawCommand};
 use crate::spatial::Pose;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
+/// Number of the arms that carry, the first ones of the cell.
+const CARRIERS: usize = 2;
 /// Standard gravity (m/s2).
 const GRAVITY: f64 = 9.81;
 /// Opening of the jaws beyond the width of the bar (m).
@@ -50,6 +56,8 @@ const PLACES: Selector = [true, true, true, false, false, false];
 const ALL: Selector = [true; 6];
 /// Time for which both arms yield after a great force (s).
 const YIELDS: f64 = 0.8;
+/// Time in which an arm that goes rounds tells why it has stopped (s).
+const CAUSE: f64 = 0.1;
 /// Number of times that the way is continued after a great force.
 const TRIES: u32 = 5;
 
@@ -124,19 +132,43 @@ fn upright(place: Vector3<f64>, yaw: f64) -> Pose {
     Pose::from_parts(place.into(), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw))
 }
 
+/// Carries the bar, while each arm beyond the second goes its rounds.
+async fn perform(robot: Robot, job: Job) -> Result<String, Hindrance> {
+    let (keys, arms) = (&job.keys, robot.arms().len());
+    let alone = if keys.rounds > 0 { CARRIERS..arms } else { arms..arms };
+    let order = patrol::Order { rounds: keys.rounds, angle: keys.angle };
+    patrol::begin(&robot, alone.clone(), &order).await?;
+    if let Err(why) = carry(&robot, &job).await {
+        // A fault of an arm that goes rounds stops the carriers as well.
+        let ended = if alone.is_empty() { None } else { robot.receive(CAUSE).await? };
+        return Err(match ended {
+            Some(Message::Ended { effector, finish }) if !finish.achieved => {
+                Hindrance(format!("{why}; effector {effector}: {}", finish.reason))
+            }
+            _ => why,
+        });
+    }
+    if !alone.is_empty() {
+        robot.phase("wait for the other arms").await?;
+    }
+    patrol::end(&robot, alone.len()).await?;
+    Ok("the bar is carried and laid down".to_owned())
+}
+
 /// Grips the bar with both hands, carries it along its way, and lays it down.
-async fn carry(robot: Robot, job: Job) -> Result<String, Hindrance> {
+async fn carry(robot: &Robot, job: &Job) -> Result<(), Hindrance> {
     robot.phase("reach for the bar").await?;
-    robot.bias(vec![true; 2]).await?;
-    let open = jaws(&job, job.keys.width + ROOM);
-    both(&robot, |_| open.clone()).await?;
+    let arms = robot.arms().len();
+    robot.bias((0..arms).map(|arm| arm < CARRIERS).collect()).await?;
+    let open = jaws(job, job.keys.width + ROOM);
+    both(robot, |_| open.clone()).await?;
     for above in [ABOVE, 0.0] {
         let from: Vec<Pose> = robot.arms().iter().map(|a| a.desired_base_from_tool).collect();
         let line = |arm: usize| Behaviour::Line {
             target: job.grip_pose(arm, above, &from[arm]),
             speed: SPEED,
         };
-        both(&robot, line).await?;
+        both(robot, line).await?;
     }
     robot.phase("grip").await?;
     let grasp = Behaviour::Grasp {
@@ -145,7 +177,7 @@ async fn carry(robot: Robot, job: Job) -> Result<String, Hindrance> {
         selector: PLACES,
         stops: Depth::Two,
     };
-    for (arm, outcome) in both(&robot, |_| grasp.clone()).await?.into_iter().enumerate() {
+    for (arm, outcome) in both(robot, |_| grasp.clone()).await?.into_iter().enumerate() {
         if !matches!(outcome, Some(Outcome::Grasped(_))) {
             return Err(lost(arm));
         }
@@ -156,18 +188,19 @@ async fn carry(robot: Robot, job: Job) -> Result<String, Hindrance> {
         robot.set_load(arm, 0.5 * job.keys.mass * GRAVITY, centre).await?;
     }
     robot.phase("carry").await?;
-    along(&robot, &job).await?;
+    along(robot, job).await?;
     robot.phase("lay down").await?;
-    for arm in 0..2 {
+    for arm in 0..CARRIERS {
         robot.set_load(arm, 0.0, nalgebra::Point3::origin()).await?;
     }
-    both(&robot, |_| open.clone()).await?;
+    both(robot, |_| open.clone()).await?;
     let from: Vec<Pose> = robot.arms().iter().map(|a| a.desired_base_from_tool).collect();
     let up = Pose::translation(0.0, 0.0, ABOVE);
-    both(&robot, |arm| Behaviour::Line { target: up * from[arm], speed: SPEED }).await?;
-    let forces: Vec<f64> = robot.forces().arms.iter().map(|arm| arm.peak_force).collect();
+    both(robot, |arm| Behaviour::Line { target: up * from[arm], speed: SPEED }).await?;
+    let loads = robot.forces().arms;
+    let forces: Vec<f64> = loads.iter().take(CARRIERS).map(|arm| arm.peak_force).collect();
     robot.report("wrist_peak_n", forces);
-    Ok("the bar is carried and laid down".to_owned())
+    Ok(())
 }
 
 /// Carries the bar along the rest of its way. After a great force both hands yield for a moment,
@@ -200,9 +233,9 @@ async fn along(robot: &Robot, job: &Job) -> Result<(), Hindrance> {
                 least_width: LEAST_WIDTH * job.keys.width,
             };
             let order = Carry::<Polyline>::behaviour("carry_polyline", &order);
-            orders.push(Some(order.map_err(Hindrance)?));
+            orders.push(Some(order?));
         }
-        let met = robot.behave_all(orders, Until::All).await;
+        let met = carriers(robot, orders).await;
         // The jaws may open again after they have closed on the edge of the bar that they lost.
         if let Ok(outcomes) = &met
             && let Some(arm) = outcomes.iter().position(|o| matches!(o, Some(Outcome::Lost(_))))
@@ -244,7 +277,8 @@ fn nearest_leg(poses: &[Pose], from: usize, bar: &Pose) -> usize {
 /// Checks that the jaws of both hands still hold the bar.
 fn held(robot: &Robot, job: &Job) -> Result<(), Hindrance> {
     let arms = robot.arms();
-    let empty = arms.iter().position(|arm| arm.jaw_opening < LEAST_WIDTH * job.keys.width);
+    let empty =
+        arms.iter().take(CARRIERS).position(|arm| arm.jaw_opening < LEAST_WIDTH * job.keys.width);
     empty.map_or(Ok(()), |arm| Err(lost(arm)))
 }
 
@@ -259,12 +293,23 @@ fn jaws(job: &Job, opening: f64) -> Behaviour {
     Behaviour::Jaw { jaw, seconds: 0.5, selector: PLACES, strained: false }
 }
 
-/// Has both arms carry out an order each, which begin together.
+/// Has the carrying arms carry out an order each, which begin together. Returns their outcomes.
+async fn carriers(
+    robot: &Robot,
+    mut orders: Vec<Option<Behaviour>>,
+) -> Result<Vec<Option<Outcome>>, Hindrance> {
+    orders.resize(robot.arms().len(), None);
+    let mut outcomes = robot.behave_all(orders, Until::All).await?;
+    outcomes.truncate(CARRIERS);
+    Ok(outcomes)
+}
+
+/// Has both carrying arms carry out an order of the same kind, which begin together.
 async fn both(
     robot: &Robot,
     order: impl Fn(usize) -> Behaviour,
 ) -> Result<Vec<Option<Outcome>>, Hindrance> {
-    robot.behave_all(vec![Some(order(0)), Some(order(1))], Until::All).await
+    carriers(robot, (0..CARRIERS).map(|arm| Some(order(arm))).collect()).await
 }
 
 #[cfg(test)]

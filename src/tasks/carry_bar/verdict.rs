@@ -1,8 +1,9 @@
 //! The verdict on the task `carry_bar`: the way and the internal force of the plant's bar.
 
+use super::super::patrol::Courses;
 use super::door::CarryBar;
 use super::keys::Keys;
-use super::upright;
+use super::{CARRIERS, upright};
 use crate::hw::plant::{ObjectState, ObjectTruth, Plant};
 use crate::registry::{Judgement, Truth, Verdict};
 use nalgebra::Vector3;
@@ -35,12 +36,15 @@ pub struct BarCarried {
     before: f64,
     /// Number of times that the hands had let the bar go until then, and of its falls.
     drops: (u32, u32),
+    /// Rounds of the arms that do not carry.
+    alone: Courses,
 }
 
 impl Verdict for BarCarried {
     type Task = CarryBar;
 
     fn watch(&mut self, tick: u64, plant: &Plant) {
+        self.alone.follow(tick, plant, CARRIERS);
         let Some(bar) = plant.objects().find(|object| &*object.name == BAR) else { return };
         let place = bar.world_from_object.translation.vector;
         let start = *self.start.get_or_insert(place);
@@ -61,7 +65,18 @@ impl Verdict for BarCarried {
         let (Some(bar), Some(start)) = (bar, self.start) else {
             return Judgement::new(false, "the plant has no object named \"bar\"");
         };
-        self.judge_bar(bar, &start, keys)
+        let mut judgement = self.judge_bar(bar, &start, keys);
+        if keys.rounds == 0 {
+            return judgement;
+        }
+        let rounds = self.alone.rounds();
+        if rounds.iter().any(|done| *done != keys.rounds) {
+            judgement.right = false;
+            let words = judgement.words;
+            judgement.words =
+                format!("{words}; the other arms went {rounds:?} of {} rounds", keys.rounds);
+        }
+        judgement.with("rounds", rounds).with("ended_s", self.alone.ended())
     }
 }
 
@@ -127,6 +142,7 @@ impl BarCarried {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::MOST_ARMS;
     use crate::hw::plant::{Internal, TouchTruth};
 
     /// The way has two points 100 mm apart, 100 mm above the start.
@@ -154,11 +170,11 @@ mod tests {
             name: BAR.into(),
             world_from_object: upright(start + Vector3::new(0.1, 0.0, 0.0), keys.bar_yaw),
             state: ObjectState::Resting,
-            held_by: [false; 2],
-            force: [0.0; 2],
+            held_by: [false; MOST_ARMS],
+            force: [0.0; MOST_ARMS],
             most_force: 0.0,
             internal,
-            grasps: [1; 2],
+            grasps: [1; MOST_ARMS],
             drops: 1,
             slips,
             touch: TouchTruth::default(),

@@ -39,6 +39,9 @@ pub struct Solve;
 #[derive(Debug)]
 pub struct Acquire;
 
+/// Properties of the tasks of the cube, which both hands hold.
+const PLAIN: Properties = Properties { most_effectors: 2, ..Properties::PLAIN };
+
 /// Task `face_turn`: both arms hold the cube and turn one layer.
 #[derive(Debug)]
 pub struct FaceTurn;
@@ -51,7 +54,7 @@ impl Task for Solve {
     type Kernel = Mission;
     const SECTION: Option<&'static str> = Some(PLANNER);
     const PROPERTIES: Properties =
-        Properties { hands_over: true, resumes: true, walks: true, ..Properties::PLAIN };
+        Properties { hands_over: true, resumes: true, walks: true, ..PLAIN };
 
     fn check(keys: &mut keys::Planner, config: &ControllerConfig, reader: &mut Reader) {
         two_arms("solve", config, reader);
@@ -74,7 +77,7 @@ impl Task for Acquire {
     type Keys = keys::Planner;
     type Kernel = Mission;
     const SECTION: Option<&'static str> = Some(PLANNER);
-    const PROPERTIES: Properties = Properties { hands_over: true, ..Properties::PLAIN };
+    const PROPERTIES: Properties = Properties { hands_over: true, ..PLAIN };
 
     fn check(keys: &mut keys::Planner, config: &ControllerConfig, reader: &mut Reader) {
         two_arms("acquire", config, reader);
@@ -90,6 +93,8 @@ impl Task for Acquire {
 impl Task for FaceTurn {
     type Keys = keys::FaceTurn;
     type Kernel = Mission;
+
+    const PROPERTIES: Properties = PLAIN;
 
     fn check(keys: &mut keys::FaceTurn, config: &ControllerConfig, reader: &mut Reader) {
         two_arms("face_turn", config, reader);

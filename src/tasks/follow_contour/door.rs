@@ -39,8 +39,12 @@ pub struct FollowContour;
 impl Task for FollowContour {
     type Keys = Keys;
     type Kernel = RobotKernel;
-    const PROPERTIES: Properties =
-        Properties { effectors: 2, coordination: &[Coordination::Sporadic], ..Properties::PLAIN };
+    const PROPERTIES: Properties = Properties {
+        effectors: 2,
+        most_effectors: 2,
+        coordination: &[Coordination::Sporadic],
+        ..Properties::PLAIN
+    };
 
     fn check(keys: &mut Keys, _: &ControllerConfig, reader: &mut Reader) {
         let (parts, goals) = (keys.parts_xyz.len(), keys.goals_xyz.len());

@@ -6,6 +6,7 @@
 
 use super::door::FollowContour;
 use super::keys::Keys;
+use crate::cell::{MOST_ARMS, PerArm};
 use crate::hw::plant::{ObjectState, Plant};
 use crate::registry::{Judgement, Truth, Verdict};
 use nalgebra::Vector3;
@@ -23,19 +24,19 @@ const LOOK: u64 = 5;
 #[derive(Debug, Default)]
 pub struct Done {
     /// One entry an object: whether each hand held it when it was last seen.
-    held: Vec<[bool; 2]>,
+    held: Vec<PerArm<bool>>,
     /// Number of times that the first hand was left alone with a part that both had held.
     handed: u32,
 }
 
 impl Done {
     /// Notes the hands at an object.
-    fn note(&mut self, object: usize, now: [bool; 2]) {
+    fn note(&mut self, object: usize, now: PerArm<bool>) {
         if self.held.len() <= object {
-            self.held.resize(object + 1, [false; 2]);
+            self.held.resize(object + 1, [false; MOST_ARMS]);
         }
         let before = std::mem::replace(&mut self.held[object], now);
-        self.handed += u32::from(before == [true; 2] && now == [true, false]);
+        self.handed += u32::from(before[..2] == [true; 2] && now[..2] == [true, false]);
     }
 }
 
@@ -97,8 +98,8 @@ mod tests {
     #[test]
     fn hand_over_counts_only_from_both_hands() {
         let mut done = Done::default();
-        let mut after = |held: [bool; 2]| {
-            done.note(3, held);
+        let mut after = |[first, second]: [bool; 2]| {
+            done.note(3, [first, second, false, false]);
             done.handed
         };
 

@@ -12,6 +12,7 @@ mod verdict;
 
 pub use door::Patrol;
 pub use keys::Keys;
+pub(in crate::tasks) use verdict::Courses;
 pub use verdict::RoundsDone;
 
 use crate::generators::Behaviour;
@@ -19,6 +20,7 @@ use crate::kernel::Message;
 use crate::kernel::programme::EcpTask;
 use crate::kernel::robot::{Hindrance, Robot, RobotKernel};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Name of the programme.
 pub const ROUNDS: &str = "patrol_rounds";
@@ -47,26 +49,37 @@ pub fn patrol(order: Order) -> RobotKernel {
     Robot::kernel(move |robot| async move {
         robot.phase("patrol").await?;
         let arms = robot.arms().len();
-        for arm in 0..arms {
-            let programme = Rounds::programme(ROUNDS, &order).map_err(Hindrance)?;
-            robot.start(arm, programme).await?;
-        }
-        let mut failed = Vec::new();
-        for _ in 0..arms {
-            match robot.receive(PATIENCE).await? {
-                Some(Message::Ended { finish, .. }) if finish.achieved => {}
-                Some(Message::Ended { finish, effector }) => {
-                    failed.push(format!("effector {effector}: {}", finish.reason));
-                }
-                other => return Err(Hindrance(format!("a programme does not end: {other:?}"))),
-            }
-        }
-        if failed.is_empty() {
-            Ok(format!("all arms have gone {} rounds", order.rounds))
-        } else {
-            Err(Hindrance(failed.join("; ")))
-        }
+        begin(&robot, 0..arms, &order).await?;
+        end(&robot, arms).await?;
+        Ok(format!("all arms have gone {} rounds", order.rounds))
     })
+}
+
+/// Starts the programme on each of these arms.
+pub(in crate::tasks) async fn begin(
+    robot: &Robot,
+    arms: Range<usize>,
+    order: &Order,
+) -> Result<(), Hindrance> {
+    for arm in arms {
+        robot.start(arm, Rounds::programme(ROUNDS, order)?).await?;
+    }
+    Ok(())
+}
+
+/// Waits for the ends of the programmes on this number of arms.
+pub(in crate::tasks) async fn end(robot: &Robot, arms: usize) -> Result<(), Hindrance> {
+    let mut failed = Vec::new();
+    for _ in 0..arms {
+        match robot.receive(PATIENCE).await? {
+            Some(Message::Ended { finish, .. }) if finish.achieved => {}
+            Some(Message::Ended { finish, effector }) => {
+                failed.push(format!("effector {effector}: {}", finish.reason));
+            }
+            other => return Err(Hindrance(format!("a programme does not end: {other:?}"))),
+        }
+    }
+    if failed.is_empty() { Ok(()) } else { Err(Hindrance(failed.join("; "))) }
 }
 
 /// Programme of one arm: it goes its rounds.

@@ -16,9 +16,38 @@ const STAYS: u32 = 50;
 
 /// Judge of the task.
 #[derive(Debug, Default)]
-pub struct RoundsDone {
+pub struct RoundsDone(Courses);
+
+/// Rounds of the tools of arms.
+#[derive(Debug, Default)]
+pub(in crate::tasks) struct Courses {
     /// One entry an arm.
     arms: Vec<Course>,
+}
+
+impl Courses {
+    /// Follows the tools of all arms from the arm `first` on, at the time `tick`.
+    pub(in crate::tasks) fn follow(&mut self, tick: u64, plant: &Plant, first: usize) {
+        let scene = plant.scene();
+        let tools = scene.arms.iter().take(scene.arm_count).skip(first);
+        for (arm, tool) in tools.enumerate() {
+            let place = tool.world_from_tool.translation.vector;
+            if self.arms.len() == arm {
+                self.arms.push(Course::from(place));
+            }
+            self.arms[arm].follow(tick, place);
+        }
+    }
+
+    /// Returns the number of rounds of each arm.
+    pub(in crate::tasks) fn rounds(&self) -> Vec<u32> {
+        self.arms.iter().map(|arm| arm.rounds).collect()
+    }
+
+    /// Returns the time at which the last round of each arm was counted (s).
+    pub(in crate::tasks) fn ended(&self) -> Vec<f64> {
+        self.arms.iter().map(|arm| arm.counted as f64 * PERIOD).collect()
+    }
 }
 
 /// Course of one tool.
@@ -58,24 +87,15 @@ impl Verdict for RoundsDone {
     type Task = Patrol;
 
     fn watch(&mut self, tick: u64, plant: &Plant) {
-        let scene = plant.scene();
-        let tools = scene.arms.iter().take(scene.arm_count);
-        for (arm, tool) in tools.enumerate() {
-            let place = tool.world_from_tool.translation.vector;
-            if self.arms.len() == arm {
-                self.arms.push(Course::from(place));
-            }
-            self.arms[arm].follow(tick, place);
-        }
+        self.0.follow(tick, plant, 0);
     }
 
     fn judge(&self, keys: &Keys, _: &Truth) -> Judgement {
-        let rounds: Vec<u32> = self.arms.iter().map(|arm| arm.rounds).collect();
+        let rounds = self.0.rounds();
         let right = !rounds.is_empty() && rounds.iter().all(|done| *done == keys.rounds);
-        let ended: Vec<f64> = self.arms.iter().map(|arm| arm.counted as f64 * PERIOD).collect();
         let words: Vec<String> = rounds.iter().map(u32::to_string).collect();
         let words = format!("the arms went {} of {} rounds", words.join(" and "), keys.rounds);
-        Judgement::new(right, words).with("rounds", rounds).with("ended_s", ended)
+        Judgement::new(right, words).with("rounds", rounds).with("ended_s", self.0.ended())
     }
 }
 

@@ -21,6 +21,7 @@ use super::solid::Solid;
 use super::spec::ObjectConfig;
 use super::tool::{Load, Tool};
 use super::truth::{History, Internal, ObjectState, ObjectTruth, TouchTruth};
+use crate::cell::{MOST_ARMS, PerArm};
 use crate::spatial::GRAVITY;
 use nalgebra::{Matrix3, Vector3};
 use std::ops::AddAssign;
@@ -65,8 +66,8 @@ pub(in crate::hw::plant) struct SavedObject {
     frame: Frame,
     state: ObjectState,
     velocity: Vector3<f64>,
-    grips: [(Grasp, Frame, Vector3<f64>); 2],
-    closed: [u32; 2],
+    grips: Vec<(Grasp, Frame, Vector3<f64>)>,
+    closed: Vec<u32>,
     drops: u32,
     slips: u32,
 }
@@ -79,21 +80,21 @@ pub(super) struct Body {
     pub(super) solid: Solid,
     pub(super) frame: Frame,
     pub(super) state: ObjectState,
-    grips: [Grip; 2],
+    grips: PerArm<Grip>,
     rest: Rest,
     /// Velocity of the centre over the last period (m/s).
     velocity: Vector3<f64>,
     /// Frame at the end of the last period.
     before: Frame,
     /// Frames of the tools in the last substep.
-    tools_before: [Option<Frame>; 2],
+    tools_before: PerArm<Option<Frame>>,
     carried: Carried,
     /// Inertial force (N), in the world.
     inertial: Vector3<f64>,
     /// Substeps for which a body on the table has been still.
     still: u32,
     /// Number of closings, per arm, of falls and of slips.
-    closed: [u32; 2],
+    closed: PerArm<u32>,
     drops: u32,
     slips: u32,
     most_force: f64,
@@ -139,15 +140,15 @@ impl Body {
             state,
             solid,
             frame,
-            grips: [Grip::OPEN; 2],
+            grips: [Grip::OPEN; MOST_ARMS],
             rest,
             velocity: Vector3::zeros(),
             before: frame,
-            tools_before: [None; 2],
+            tools_before: [None; MOST_ARMS],
             carried: Carried::default(),
             inertial: Vector3::zeros(),
             still: 0,
-            closed: [0; 2],
+            closed: [0; MOST_ARMS],
             drops: 0,
             slips: 0,
             most_force: 0.0,
@@ -170,7 +171,7 @@ impl Body {
     }
 
     /// Moves the body by one substep of `dt` (s). A tool that is `None` meets another body.
-    pub(super) fn step(&mut self, tools: [Option<&Tool<'_>>; 2], dt: f64) {
+    pub(super) fn step(&mut self, tools: PerArm<Option<&Tool<'_>>>, dt: f64) {
         for grip in &mut self.grips {
             grip.touch = Touch::NONE;
         }
@@ -204,7 +205,7 @@ impl Body {
 
     /// Moves the body to where all forces on it balance, and commits the slip of the grips. A fixed
     /// body only takes the forces.
-    fn balance(&mut self, tools: [Option<&Tool<'_>>; 2], dt: f64) {
+    fn balance(&mut self, tools: PerArm<Option<&Tool<'_>>>, dt: f64) {
         let from = self.frame;
         let fixed = self.state == ObjectState::Fixed;
         let jaws = tools.map(|tool| self.jaws(tool));
@@ -256,7 +257,7 @@ impl Body {
     }
 
     /// Moves a held body along with the first tool that holds it, the first guess of the balance.
-    fn follow(&mut self, tools: [Option<&Tool<'_>>; 2]) {
+    fn follow(&mut self, tools: PerArm<Option<&Tool<'_>>>) {
         let mut done = false;
         for (i, tool) in tools.into_iter().enumerate() {
             let now = tool.filter(|_| self.is_in(i)).map(|tool| tool.frame);
@@ -274,8 +275,8 @@ impl Body {
     fn load(
         &mut self,
         system: &mut System,
-        tools: [Option<&Tool<'_>>; 2],
-        jaws: &[Jaws; 2],
+        tools: PerArm<Option<&Tool<'_>>>,
+        jaws: &PerArm<Jaws>,
         dt: f64,
     ) -> Option<Bearing> {
         for ((grip, tool), jaws) in self.grips.iter_mut().zip(tools).zip(jaws) {
@@ -310,7 +311,7 @@ impl Body {
     fn stiffen(
         &self,
         system: &mut System,
-        tools: [Option<&Tool<'_>>; 2],
+        tools: PerArm<Option<&Tool<'_>>>,
         bearing: Option<&Bearing>,
     ) {
         for (grip, tool) in self.grips.iter().zip(tools) {
@@ -329,7 +330,7 @@ impl Body {
 
     /// Begins the grips of jaws that have closed on the body, and ends those of jaws that have let
     /// go. Jaws that close on a fixed body hold it as well.
-    fn change_grips(&mut self, tools: [Option<&Tool<'_>>; 2]) {
+    fn change_grips(&mut self, tools: PerArm<Option<&Tool<'_>>>) {
         for (i, tool) in tools.into_iter().enumerate() {
             let Some(tool) = tool.filter(|tool| !tool.busy) else { continue };
             let grip = &mut self.grips[i];
@@ -414,7 +415,7 @@ impl Body {
             *sum += pad;
         }
         // A body that hangs on this hand alone moves along and adds no stiffness.
-        let other = self.grips[1 - arm].touch.any();
+        let other = (0..MOST_ARMS).any(|i| i != arm && self.grips[i].touch.any());
         if other || self.rest.table_load > 0.0 || self.state == ObjectState::Fixed {
             load.stiffness += touch.stiffness;
         }
@@ -422,7 +423,7 @@ impl Body {
 
     /// Records the forces of a period of `seconds`, and computes the inertial force of the next
     /// one.
-    pub(super) fn end_period(&mut self, tools: [Option<&Tool<'_>>; 2], seconds: f64) {
+    pub(super) fn end_period(&mut self, tools: PerArm<Option<&Tool<'_>>>, seconds: f64) {
         if self.state != ObjectState::Falling {
             self.velocity = (self.frame.p - self.before.p) / seconds;
         }
@@ -442,21 +443,24 @@ impl Body {
         self.carried.advance(now, self.spec.mass, seconds);
         let share = if carried { seconds / (seconds + INERTIA) } else { 1.0 };
         self.inertial += (self.carried.force - self.inertial) * share;
-        if let ([Some(first), Some(second)], true) = (tools, holders > 1.5) {
-            self.measure_internal(first, second);
+        let mut holders = (0..MOST_ARMS).filter(|i| who >> i & 1 != 0);
+        if let (Some(first), Some(second)) = (holders.next(), holders.next()) {
+            self.measure_internal(tools, (first, second));
         } else {
             let i = &mut self.internal;
             (i.force, i.pull, i.torque) = (0.0, 0.0, 0.0);
         }
     }
 
-    /// Records the internal load between two tools.
-    fn measure_internal(&mut self, first: &Tool<'_>, second: &Tool<'_>) {
+    /// Records the internal load between the tools of two arms that hold the body; of more holders
+    /// the first two count.
+    fn measure_internal(&mut self, tools: PerArm<Option<&Tool<'_>>>, (one, other): (usize, usize)) {
+        let (Some(first), Some(second)) = (tools[one], tools[other]) else { return };
         let wrench = |tool: &Tool<'_>, touch: &Touch| {
             (tool.frame.r * touch.force, tool.frame.r * touch.torque)
         };
-        let (f1, t1) = wrench(first, &self.grips[0].touch);
-        let (f2, t2) = wrench(second, &self.grips[1].touch);
+        let (f1, t1) = wrench(first, &self.grips[one].touch);
+        let (f2, t2) = wrench(second, &self.grips[other].touch);
         let apart = second.frame.p - first.frame.p;
         let half = (f2 - f1) * 0.5;
         let i = &mut self.internal;
@@ -484,15 +488,16 @@ impl Body {
         }
     }
 
-    /// Returns the state for the plant's file.
-    pub(super) fn saved(&self) -> SavedObject {
+    /// Returns the state for the plant's file, with the grips of the first `arms` arms.
+    pub(super) fn saved(&self, arms: usize) -> SavedObject {
+        let grips = self.grips.iter().take(arms);
         SavedObject {
             name: self.spec.name.clone(),
             frame: self.frame,
             state: self.state,
             velocity: self.velocity,
-            grips: self.grips.map(|g| (g.grasp, Frame::rotated(g.turn), g.size)),
-            closed: self.closed,
+            grips: grips.map(|g| (g.grasp, Frame::rotated(g.turn), g.size)).collect(),
+            closed: self.closed[..arms].to_vec(),
             drops: self.drops,
             slips: self.slips,
         }
@@ -503,13 +508,17 @@ impl Body {
     pub(super) fn check_saved(
         &self,
         saved: &SavedObject,
-        tools: [Option<Frame>; 2],
+        tools: PerArm<Option<Frame>>,
     ) -> Result<(), String> {
         if saved.name != self.spec.name {
             return Err(format!("the state of `{}`, not of `{}`", saved.name, self.spec.name));
         }
         if (saved.state == ObjectState::Fixed) != self.spec.fixed {
             return Err("fixed and loose do not agree".to_owned());
+        }
+        let arms = tools.iter().flatten().count().max(2);
+        if [saved.grips.len(), saved.closed.len()] != [arms; 2] {
+            return Err("it does not have one grip for each arm".to_owned());
         }
         let reach = self.solid.half().norm() + NEAR;
         for ((grasp, ..), tool) in saved.grips.iter().zip(tools) {
@@ -528,7 +537,10 @@ impl Body {
         for (grip, (grasp, turn, size)) in self.grips.iter_mut().zip(&saved.grips) {
             *grip = Grip { grasp: *grasp, turn: turn.r, size: *size, ..Grip::OPEN };
         }
-        (self.closed, self.drops, self.slips) = (saved.closed, saved.drops, saved.slips);
+        for (closed, saved) in self.closed.iter_mut().zip(&saved.closed) {
+            *closed = *saved;
+        }
+        (self.drops, self.slips) = (saved.drops, saved.slips);
         if self.state == ObjectState::Resting {
             self.rest.land(&self.frame);
         }

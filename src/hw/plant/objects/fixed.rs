@@ -10,6 +10,7 @@ use super::spec::Probe;
 use super::tip::{Anchor, Ball, Ground, press};
 use super::tool::{Load, Tool};
 use super::truth::TouchTruth;
+use crate::cell::{MOST_ARMS, PerArm};
 use nalgebra::Vector3;
 
 /// Balls of a tool: two finger tips and a probe.
@@ -19,12 +20,12 @@ const BALLS: usize = 3;
 #[derive(Debug, Clone)]
 pub(super) struct Tips {
     /// Places without strain of each ball's friction, per arm.
-    anchors: [[Anchor; BALLS]; 2],
+    anchors: PerArm<[Anchor; BALLS]>,
     /// Whether each section of the contour was touched.
     covered: Vec<bool>,
     /// Normal force and friction of each arm in the last substep (N).
-    force: [f64; 2],
-    friction: [f64; 2],
+    force: PerArm<f64>,
+    friction: PerArm<f64>,
 }
 
 impl Tips {
@@ -35,10 +36,10 @@ impl Tips {
             _ => 0,
         };
         Self {
-            anchors: [[None; BALLS]; 2],
+            anchors: [[None; BALLS]; MOST_ARMS],
             covered: vec![false; sections],
-            force: [0.0; 2],
-            friction: [0.0; 2],
+            force: [0.0; MOST_ARMS],
+            friction: [0.0; MOST_ARMS],
         }
     }
 
@@ -81,7 +82,7 @@ impl Tips {
 
     /// Returns the greatest normal force of an arm in the last substep (N).
     pub(super) fn most(&self) -> f64 {
-        self.force[0].max(self.force[1])
+        self.force.into_iter().fold(0.0, f64::max)
     }
 }
 

@@ -32,6 +32,7 @@ use self::tip::Ground;
 use self::truth::{ObjectState, ObjectTruth};
 use super::frame::Frame;
 use super::rest::Support;
+use crate::cell::{MOST_ARMS, PerArm};
 use crate::hw::scene::{MOST_OBJECTS, SceneObject};
 use nalgebra::Vector3;
 use rand_pcg::Pcg64;
@@ -41,9 +42,9 @@ use rand_pcg::Pcg64;
 pub(super) struct Objects {
     bodies: Vec<(Body, Tips)>,
     leads: Vec<Lead>,
-    probes: [Option<Probe>; 2],
+    probes: PerArm<Option<Probe>>,
     /// Load on each tool in the last substep.
-    loads: Option<[Load; 2]>,
+    loads: Option<PerArm<Load>>,
 }
 
 impl Objects {
@@ -51,7 +52,7 @@ impl Objects {
     /// generator of the object with a given number.
     pub(super) fn new(
         (specs, leads): (&[ObjectConfig], &[LeadConfig]),
-        probes: [Option<Probe>; 2],
+        probes: PerArm<Option<Probe>>,
         table: f64,
         mut random: impl FnMut(u64) -> Pcg64,
     ) -> Self {
@@ -97,13 +98,13 @@ impl Objects {
     }
 
     /// Moves all objects by one substep of `dt` (s), which ends at `t` (s).
-    pub(super) fn step(&mut self, tools: &[Option<Tool<'_>>; 2], t: f64, dt: f64) {
-        let mut loads = [Load::NONE; 2];
-        let holds = [self.holds(0), self.holds(1)];
+    pub(super) fn step(&mut self, tools: &PerArm<Option<Tool<'_>>>, t: f64, dt: f64) {
+        let mut loads = [Load::NONE; MOST_ARMS];
+        let holds: PerArm<bool> = std::array::from_fn(|i| self.holds(i));
         for (body, tips) in &mut self.bodies {
             // A hand that holds another object does not meet this one.
             let meets = |i: usize| tools[i].as_ref().filter(|_| !holds[i] || body.is_in(i));
-            let met = [meets(0), meets(1)];
+            let met = std::array::from_fn(meets);
             if !matches!(body.solid, Solid::Surface(..)) {
                 body.step(met, dt);
             }
@@ -132,9 +133,9 @@ impl Objects {
     }
 
     /// Ends a servo period of `seconds`: records forces, and computes the inertia of held bodies.
-    pub(super) fn end_period(&mut self, tools: &[Option<Tool<'_>>; 2], seconds: f64) {
+    pub(super) fn end_period(&mut self, tools: &PerArm<Option<Tool<'_>>>, seconds: f64) {
         for (body, tips) in &mut self.bodies {
-            body.end_period([tools[0].as_ref(), tools[1].as_ref()], seconds);
+            body.end_period(tools.each_ref().map(Option::as_ref), seconds);
             if body.state == ObjectState::Fixed {
                 tips.end_period(&body.solid, &mut body.touched);
             }
@@ -165,9 +166,10 @@ impl Objects {
         self.leads.iter().map(|lead| lead.most)
     }
 
-    /// Returns the states of objects and leads for the plant's file.
-    pub(super) fn saved(&self) -> (Vec<SavedObject>, Vec<SavedLead>) {
-        let bodies = self.bodies.iter().map(|(body, _)| body.saved()).collect();
+    /// Returns the states of objects and leads for the plant's file, with `arms` entries in each
+    /// list of grips.
+    pub(super) fn saved(&self, arms: usize) -> (Vec<SavedObject>, Vec<SavedLead>) {
+        let bodies = self.bodies.iter().map(|(body, _)| body.saved(arms)).collect();
         (bodies, self.leads.iter().map(Lead::saved).collect())
     }
 
@@ -178,7 +180,7 @@ impl Objects {
     pub(super) fn restore(
         &mut self,
         (bodies, leads): (&[SavedObject], &[SavedLead]),
-        tools: [Option<Frame>; 2],
+        tools: PerArm<Option<Frame>>,
     ) -> Result<(), (String, String)> {
         let counts = (bodies.len(), leads.len());
         if counts != (self.bodies.len(), self.leads.len()) {

@@ -4,6 +4,7 @@
 //! - out: greatest and typical internal force of a body in two hands, forces on a surface, and the
 //!   part of its contour that was touched
 
+use crate::cell::PerArm;
 use crate::spatial::Pose;
 use std::sync::Arc;
 
@@ -22,15 +23,15 @@ pub struct ObjectTruth {
     /// State of the object now.
     pub state: ObjectState,
     /// Whether the gripper of each arm holds it.
-    pub held_by: [bool; 2],
+    pub held_by: PerArm<bool>,
     /// Force of each arm's gripper on it, without the squeeze of the pads (N).
-    pub force: [f64; 2],
+    pub force: PerArm<f64>,
     /// Greatest of these forces in the run (N).
     pub most_force: f64,
     /// Internal load while two hands hold it.
     pub internal: Internal,
     /// Number of times that jaws closed on it, per arm.
-    pub grasps: [u32; 2],
+    pub grasps: PerArm<u32>,
     /// Number of its falls out of a hand.
     pub drops: u32,
     /// Number of grips in which it slipped by more than 1 mm or 3 deg while the jaws did not open.
@@ -76,9 +77,9 @@ pub struct Internal {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TouchTruth {
     /// Normal force of each arm now (N).
-    pub force: [f64; 2],
+    pub force: PerArm<f64>,
     /// Friction of each arm now (N).
-    pub friction: [f64; 2],
+    pub friction: PerArm<f64>,
     /// Greatest normal force of an arm in the run (N).
     pub most_force: f64,
     /// Number of servo periods with contact.
@@ -109,11 +110,11 @@ impl TouchTruth {
     }
 
     /// Adds a servo period with the normal force and the friction of each arm (N).
-    pub(super) fn add(&mut self, force: [f64; 2], friction: [f64; 2]) {
-        let (before, now) = (self.force[0] + self.force[1], force[0] + force[1]);
+    pub(super) fn add(&mut self, force: PerArm<f64>, friction: PerArm<f64>) {
+        let (before, now) = (self.force.iter().sum::<f64>(), force.iter().sum::<f64>());
         self.contacts += u32::from(before == 0.0 && now > 0.0);
         (self.force, self.friction) = (force, friction);
-        self.most_force = self.most_force.max(force[0]).max(force[1]);
+        self.most_force = force.into_iter().fold(self.most_force, f64::max);
         if now > 0.0 {
             self.periods += 1;
             self.sum += now;
@@ -158,6 +159,7 @@ impl History {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::MOST_ARMS;
 
     #[test]
     fn percentile_leaves_out_rare_peak() {
@@ -175,7 +177,7 @@ mod tests {
     fn force_error_is_deviation_from_wanted_force() {
         let mut touch = TouchTruth::default();
         for force in [0.0, 9.0, 11.0, 0.0, 13.0] {
-            touch.add([force, 0.0], [0.0; 2]);
+            touch.add([force, 0.0, 0.0, 0.0], [0.0; MOST_ARMS]);
         }
 
         assert!((touch.force_error(10.0) - (11.0_f64 / 3.0).sqrt()).abs() < 1e-9);

@@ -21,7 +21,7 @@ mod solids;
 pub use look::{CubeLook, HandLook, Lens, Light, Look, Rgb, Sensor, Shadow};
 pub use solids::Setting;
 
-use crate::cell::{Camera, Mount};
+use crate::cell::{Camera, MOST_ARMS, Mount};
 use crate::cube::Axis;
 use crate::hw::camera::{Frame, FrameSource, NoFrame};
 use crate::hw::scene::{MOST_OBJECTS, Scene, SceneArm, SceneCube};
@@ -432,7 +432,7 @@ pub fn cube_alone(world_from_cube: Pose, edge: f64, facelets: [u8; 54]) -> Scene
     let turned = (Axis::Z, 0.0, 0.0);
     let cube = SceneCube { world_from_cube, velocity, edge, facelets, turned };
     let objects = [None; MOST_OBJECTS];
-    Scene { period: 0, cube, arms: [arm; 2], arm_count: 0, hand: None, objects }
+    Scene { period: 0, cube, arms: [arm; MOST_ARMS], arm_count: 0, hand: None, objects }
 }
 
 /// Camera of the plant, which renders the latest scene that the plant has published.

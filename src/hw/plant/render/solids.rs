@@ -5,7 +5,7 @@
 //!   turned
 
 use super::look::{CubeLook, HandLook, Look, Rgb};
-use crate::cell::{Cell, Gripper, TABLE_TOP};
+use crate::cell::{Cell, Gripper, MOST_ARMS, PerArm, TABLE_TOP};
 use crate::cube::{Axis, Face, Keeper};
 use crate::hw::scene::{Scene, SceneArm, SceneCube, SceneObject, SceneShape};
 use crate::spatial::Pose;
@@ -15,7 +15,7 @@ use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setting {
     /// True sizes of the grippers, in the order of effectors.
-    pub grippers: [Gripper; 2],
+    pub grippers: PerArm<Gripper>,
     /// Centre of the table top, in the world (m).
     pub table: Point3<f64>,
     /// Size of the table top along x and y (m).
@@ -47,7 +47,7 @@ impl Default for Setting {
             amperes_per_newton: 0.004,
         };
         Self {
-            grippers: [gripper; 2],
+            grippers: [gripper; MOST_ARMS],
             table: Point3::new(0.9, 1.05, 0.70),
             table_size: TABLE_TOP,
             tray_size: (0.5, 0.7),
