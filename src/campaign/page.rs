@@ -6,7 +6,7 @@
 
 use super::result::{Figures, RunResult, Verdict};
 use super::statistics::Spread;
-use super::tally::{QUANTITIES, Tally, figure, phase};
+use super::tally::{Tally, figure, phase};
 use super::vary::{Choice, Distribution, Variations};
 use crate::record::report::{HEAD, STYLE, escaped, number, step};
 use std::fmt::Write;
@@ -239,27 +239,21 @@ fn spreads(html: &mut String, tally: &Tally) {
         let _ = write!(html, "<th class=n>{name}");
     }
     html.push_str("</tr></thead><tbody>");
-    for (_, words, of, decimals) in QUANTITIES {
-        let s = tally.spread(of);
-        if s.is_empty() {
-            continue;
-        }
-        let _ = write!(html, "<tr><th>{}", capital(words));
-        for value in s.values() {
-            let _ = write!(html, "<td class=n>{}", figure(value, decimals));
+    let mut columns = tally.columns();
+    for column in &columns {
+        let _ = write!(html, "<tr><th>{}", escaped(&capital(&column.words)));
+        for value in column.spread().values() {
+            let _ = write!(html, "<td class=n>{}", figure(value, column.decimals));
         }
         html.push_str("</tr>");
     }
     html.push_str("</tbody></table><div class=pair>");
-    for (_, words, of, decimals) in QUANTITIES {
+    for column in &mut columns {
         // A value of 1e12 or more replaces an infinite one, and would leave all others in the
         // first bar.
-        let values: Vec<(f64, bool)> = figures(tally)
-            .filter_map(|(run, f)| Some((of(f)?, run.verdict == Verdict::Solved)))
-            .filter(|(value, _)| value.abs() < 1e12)
-            .collect();
-        let _ =
-            write!(html, "<figure>{}</figure>", histogram(&capital(words), &values, decimals == 0));
+        column.values.retain(|(value, _)| value.abs() < 1e12);
+        let (title, whole) = (escaped(&capital(&column.words)), column.decimals == 0);
+        let _ = write!(html, "<figure>{}</figure>", histogram(&title, &column.values, whole));
     }
     html.push_str("</div></section>\n");
 }

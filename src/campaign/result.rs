@@ -7,9 +7,13 @@
 use crate::cube::Facelets;
 use crate::record::summary::{EndedBy, Exertion, Outcome, Summary, Violations};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
 
 /// Longest reason that is kept (characters).
 const REASON: usize = 400;
+/// Largest number of entries of a list that count as figures.
+const LISTED: usize = 8;
 
 /// Verdict on a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -109,11 +113,31 @@ pub struct Figures {
     pub violations: Option<Violations>,
     /// Number of times that the mission read and planned again, by its own count.
     pub recoveries: u32,
+    /// Numbers among the figures that task and judge gave, by name; those of a list have its name
+    /// with an index.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub of_task: BTreeMap<String, f64>,
     /// Hash over every servo record and message, hexadecimal.
     pub hash: String,
     /// Hash over the parameters that bound the speed and force of the plant, hexadecimal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plant_hash: Option<String>,
+}
+
+/// Returns the numbers among the figures of a task, see [`Figures::of_task`].
+fn numbers(figures: &BTreeMap<String, Value>) -> BTreeMap<String, f64> {
+    let mut numbers = BTreeMap::new();
+    for (name, value) in figures {
+        match value {
+            Value::Array(list) => {
+                let each = list.iter().enumerate();
+                let each = each.filter_map(|(i, v)| Some((format!("{name}[{i}]"), v.as_f64()?)));
+                numbers.extend(each.take(LISTED));
+            }
+            value => numbers.extend(value.as_f64().map(|number| (name.clone(), number))),
+        }
+    }
+    numbers
 }
 
 impl Figures {
@@ -237,6 +261,7 @@ impl RunResult {
                 late_drops: summary.late_drops,
                 violations: summary.violations,
                 recoveries: summary.recoveries,
+                of_task: numbers(&summary.figures),
                 hash: summary.hash.clone(),
                 plant_hash: summary.plant_hash.clone(),
             }),

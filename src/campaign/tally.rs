@@ -53,6 +53,24 @@ pub(crate) const QUANTITIES: [Quantity; 10] = [
     ("arms_apart_mm", "distance between arms [mm]", |f| f.exertion?.arms_apart_mm, 1),
 ];
 
+/// Quantity of all runs, for a table and a histogram.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Column {
+    /// Name for people.
+    pub(super) words: String,
+    /// Value of each run in which it is known, and whether the run was solved.
+    pub(super) values: Vec<(f64, bool)>,
+    /// Number of decimals.
+    pub(super) decimals: usize,
+}
+
+impl Column {
+    /// Returns the distribution of the values.
+    pub(super) fn spread(&self) -> Spread {
+        Spread::of(self.values.iter().map(|(value, _)| *value))
+    }
+}
+
 /// Number of failures that the table lists one by one.
 const LISTED: usize = 20;
 
@@ -114,6 +132,33 @@ impl Tally {
     #[must_use]
     pub fn spread(&self, of: fn(&Figures) -> Option<f64>) -> Spread {
         Spread::of(self.figures().filter_map(of))
+    }
+
+    /// Returns the quantities that are known in some run: those of each campaign, then the figures
+    /// of the task by name.
+    pub(super) fn columns(&self) -> Vec<Column> {
+        let known = |of: &dyn Fn(&Figures) -> Option<f64>| -> Vec<(f64, bool)> {
+            let runs = self.results.iter();
+            runs.filter_map(|r| Some((of(r.figures.as_ref()?)?, r.verdict == Verdict::Solved)))
+                .collect()
+        };
+        let common = QUANTITIES.iter().map(|(_, words, of, decimals)| Column {
+            words: (*words).to_owned(),
+            values: known(of),
+            decimals: *decimals,
+        });
+        let of_task = self.task_figures().into_iter().map(|name| {
+            let values = known(&|figures| figures.of_task.get(name).copied());
+            let whole = values.iter().all(|(value, _)| value.fract() == 0.0);
+            Column { words: name.to_owned(), values, decimals: if whole { 0 } else { 2 } }
+        });
+        // Earlier builds did not measure every quantity.
+        common.chain(of_task).filter(|column| !column.values.is_empty()).collect()
+    }
+
+    /// Returns the names of the figures that the task gave in any run.
+    fn task_figures(&self) -> BTreeSet<&str> {
+        self.figures().flat_map(|figures| figures.of_task.keys()).map(String::as_str).collect()
     }
 
     /// Returns the figures of all runs that have some.
@@ -179,8 +224,9 @@ impl Tally {
     /// Returns the command that repeats a run.
     #[must_use]
     pub fn command(&self, run: &RunResult) -> String {
+        let program = self.header.program.as_ref().map_or("rubik-robot", |maker| &maker.program);
         let mut words = vec![
-            "rubik-robot run".to_owned(),
+            format!("{program} run"),
             quoted(&self.header.scenario).into_owned(),
             format!("--seed {}", run.seed),
         ];
@@ -222,6 +268,11 @@ impl Tally {
         for (name, _, of, _) in QUANTITIES {
             object[name] = json!(self.spread(of));
         }
+        let of_task = self.task_figures().into_iter().map(|name| {
+            let values = self.figures().filter_map(|figures| figures.of_task.get(name).copied());
+            (name, Spread::of(values))
+        });
+        object["figures"] = json!(of_task.collect::<BTreeMap<_, _>>());
         object
     }
 
@@ -274,13 +325,10 @@ impl Tally {
     /// Appends a row for the distribution of each quantity.
     fn add_spreads(&self, t: &mut String) {
         row(t, "", &Spread::COLUMNS.map(|name| format!("{name:>9}")).join(" "));
-        for (_, words, of, decimals) in QUANTITIES {
-            // Earlier builds did not measure every quantity.
-            let s = self.spread(of);
-            if !s.is_empty() {
-                let text = s.values().map(|v| format!("{:>9}", figure(v, decimals)));
-                row(t, words, &text.join(" "));
-            }
+        for column in self.columns() {
+            let values = column.spread().values();
+            let text = values.map(|v| format!("{:>9}", figure(v, column.decimals)));
+            row(t, &column.words, &text.join(" "));
         }
     }
 

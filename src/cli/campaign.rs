@@ -86,7 +86,7 @@ Keys of the object of --json:
   solved_with_mishaps, recoveries, drops, runs_with_unnoticed_drops, runs_above_force_limit,
   contact_unknown, plant_hashes; and min, median, p95, p99, max of force_limit_n, peak_force_n,
   peak_contact_n, grasps, turns, sim_time_s, current_share, heat_share, motor_speed_rad_s,
-  near_person_mm_s, arms_apart_mm
+  near_person_mm_s, arms_apart_mm, and of each number that the task gives (in figures)
   --soak: soak_h, runs, solved, failures, tenths (hours, missions, resident_mib, times_real_time,
   mission_s, drift_s), growth_mib, memory_flat, repeated, repeated_differently, drift_s, steady
   --mix: ended (number of runs by verdict), broken (seed, rule, set: the value for --set)

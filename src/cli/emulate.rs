@@ -5,6 +5,7 @@
 //!   simulated plant, as a table or as one line of JSON
 
 use super::arguments::{ScenarioArgs, not_negative};
+use super::catalogue;
 use super::output::{Output, complain, inform, refuse, warn};
 use crate::cell::Arm;
 use crate::error::Error;
@@ -159,7 +160,7 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
     match emulate(&scenario, options, &devices, announce) {
         Ok(done) => {
             if args.json {
-                output.line(&json(&done).to_string())?;
+                output.line(&json(&done, scenario.controller.cell.arms.len()).to_string())?;
             } else {
                 output.text(&table(&done))?;
             }
@@ -177,7 +178,8 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
 /// the run needs as well, and those without which the run would not connect to it.
 fn run_line(args: &EmulateArgs, scenario: &Scenario) -> String {
     let path = scenario.path.display().to_string();
-    let mut words = vec!["rubik-robot run".to_owned(), text::quoted(&path).into_owned()];
+    let mut words =
+        vec![format!("{} run", catalogue::program().program), text::quoted(&path).into_owned()];
     let mut set = |option: &str| words.push(format!("--set {}", text::quoted(option)));
     args.scenario.set.iter().for_each(|option| set(option));
     // The last of two options for one key counts, so these come after the user's own.
@@ -270,8 +272,8 @@ fn at(text: &str, arms: &[Arm], with_axis: bool) -> Result<At, String> {
     Ok(At { effector, axis, time })
 }
 
-/// Returns the result as JSON.
-fn json(done: &Emulated) -> serde_json::Value {
+/// Returns the result as JSON; `arms` is the number of arms in the cell.
+fn json(done: &Emulated, arms: usize) -> serde_json::Value {
     let v = &done.verdict;
     serde_json::json!({
         "task": done.task,
@@ -282,10 +284,10 @@ fn json(done: &Emulated) -> serde_json::Value {
         "turned_deg": v.turned.to_degrees(),
         "peak_force_n": v.peak_force,
         "peak_torque_nm": v.peak_torque,
-        "arm_peak_force_n": v.arm_peak_force,
-        "arm_peak_torque_nm": v.arm_peak_torque,
+        "arm_peak_force_n": v.arm_peak_force[..arms],
+        "arm_peak_torque_nm": v.arm_peak_torque[..arms],
         "exertion": exertion(&v.exertion),
-        "grasps": v.grasps,
+        "grasps": v.grasps[..arms],
         "stuck": v.counts.stuck,
         "slips": v.counts.slips,
         "drops": v.counts.drops,

@@ -96,6 +96,28 @@ fn campaign_of_three_runs_prints_one_json_object() {
     assert!((done["sim_time_s"]["median"].as_f64().unwrap() - 1.0).abs() < 0.05);
 }
 
+/// Numbers of the task and of its judge are in `--json`, in the table and in the report, and the
+/// loads of the bar count as contacts.
+#[test]
+fn campaign_reports_figures_of_task() {
+    let report = std::env::temp_dir().join(format!("figures-{}.html", std::process::id()));
+    let scenario = ["campaign", "scenarios/three_arms.toml", "--runs", "2", "--seed", "3"];
+    let done = object(&robot(&[&scenario[..], &["--json"]].concat()), 0);
+    let table = robot(&[&scenario[..], &["-o", report.to_str().unwrap()]].concat());
+
+    let figure = |name: &str, part: &str| done["figures"][name][part].as_f64().unwrap();
+    assert!((figure("carried_s", "min") - 18.0).abs() < 1.0, "{done}");
+    assert_eq!((figure("rounds[0]", "min"), figure("rounds[0]", "max")), (4.0, 4.0));
+    assert!(figure("internal_p99_n", "max") < 15.0, "{done}");
+    let contact = done["peak_contact_n"]["max"].as_f64().unwrap();
+    assert!(contact > figure("internal_p99_n", "max"), "{contact} N: each hand bears half the bar");
+    let html = std::fs::read_to_string(&report).unwrap();
+    std::fs::remove_file(&report).unwrap();
+    for text in [String::from_utf8_lossy(&table.stdout), html.into()] {
+        assert!(text.to_lowercase().contains("carried_s"), "{text}");
+    }
+}
+
 /// The report lists a command for each failed run. The command repeats only this run, which fails
 /// for the same reason. The HTML report contains the command too.
 #[test]

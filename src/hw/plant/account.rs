@@ -32,8 +32,10 @@ impl Plant {
         let v = &mut self.verdict;
         for (i, touch) in self.balance.touches.iter().enumerate().take(self.arms.len()) {
             let (force, torque) = (touch.force.norm(), touch.torque.norm());
-            v.arm_peak_force[i] = v.arm_peak_force[i].max(force);
-            v.arm_peak_torque[i] = v.arm_peak_torque[i].max(torque);
+            let load = self.objects.load(i);
+            let (pull, twist) = load.map_or((0.0, 0.0), |l| (l.force.norm(), l.torque.norm()));
+            v.arm_peak_force[i] = v.arm_peak_force[i].max(force).max(pull);
+            v.arm_peak_torque[i] = v.arm_peak_torque[i].max(torque).max(twist);
             if both {
                 v.peak_force = v.peak_force.max(force);
                 v.peak_torque = v.peak_torque.max(torque);

@@ -42,9 +42,9 @@ pub struct Verdict {
     pub peak_force: f64,
     /// Greatest contact torque at a tool while both arms hold the cube (Nm).
     pub peak_torque: f64,
-    /// Greatest contact force of each arm on the cube in the whole run (N).
+    /// Greatest contact force of each arm on the cube, or on objects, in the whole run (N).
     pub arm_peak_force: PerArm<f64>,
-    /// Greatest contact torque of each arm on the cube in the whole run (Nm).
+    /// Greatest contact torque of each arm on the cube, or on objects, in the whole run (Nm).
     pub arm_peak_torque: PerArm<f64>,
     /// Greatest loads of motors and arms.
     pub exertion: Exertion,
