@@ -8,6 +8,7 @@
 use super::arguments::{ScenarioArgs, not_negative};
 use super::campaign::{Campaign, LAST_SEED, Performed, Shape, seedless};
 use super::campaign_report::writable;
+use super::catalogue;
 use super::output::{Output, WRONG, clash, inform, refuse, save, warn};
 use super::scenarios;
 use super::stop::INTERRUPTED;
@@ -235,8 +236,9 @@ fn setup(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs, scenario: &Scena
         limit: args.within_s,
         // The protocol names the command that repeats it.
         command: format!(
-            "rubik-robot benchmark {what} --scenario {} --seed {} --clearance-mm {} \
+            "{} benchmark {what} --scenario {} --seed {} --clearance-mm {} \
              --within-s {}{set}",
+            catalogue::program().program,
             from.scenario.display(),
             args.seed,
             args.clearance_mm,

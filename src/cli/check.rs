@@ -2,10 +2,12 @@
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, refuse};
+use crate::run::check_task;
 
 /// Checks a scenario and prints a line about its content; returns the exit code.
 pub(super) fn run(args: &ScenarioArgs, output: &mut Output) -> anyhow::Result<u8> {
     let scenario = args.load(&[]).map_err(refuse)?;
+    check_task(&scenario).map_err(refuse)?;
     let controller = &scenario.controller;
     let names: Vec<&str> = controller.cell.arms.iter().map(|a| a.name.as_str()).collect();
     output.line(&format!(

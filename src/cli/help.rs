@@ -4,7 +4,11 @@
 //! description that each command gives of itself.
 
 use clap::Command;
+use clap::builder::StyledStr;
 use std::fmt::Write as _;
+
+/// Name of this crate's program, as the helps are written.
+const OWN: &str = "rubik-robot";
 
 /// Headings of the list, each with its commands.
 const GROUPS: [(&str, &[&str]); 6] = [
@@ -42,6 +46,33 @@ pub(super) fn with_groups(program: Command) -> Command {
          {options}\n{{options}}{{after-help}}"
     );
     program.help_template(template)
+}
+
+/// Gives a command line the name and the version of a program, also in the texts of all helps.
+pub(super) fn named(command: Command, program: &str, version: &str) -> Command {
+    if program == OWN {
+        return command;
+    }
+    // clap keeps names for the life of the process, which has one command line.
+    let name: &'static str = program.to_owned().leak();
+    let version: &'static str = version.to_owned().leak();
+    with_name(command, name).name(name).version(version)
+}
+
+/// Replaces the name of this crate's program in the texts of a command and of its subcommands.
+fn with_name(mut command: Command, program: &str) -> Command {
+    let own = |text: &StyledStr| text.to_string().replace(OWN, program);
+    if let Some(text) = command.get_after_help().map(own) {
+        command = command.after_help(text);
+    }
+    if let Some(text) = command.get_about().map(own) {
+        command = command.about(text);
+    }
+    command = command.mut_args(|arg| match arg.get_help().map(own) {
+        Some(text) => arg.help(text),
+        None => arg,
+    });
+    command.mut_subcommands(|command| with_name(command, program))
 }
 
 /// Returns the list of commands: a heading, then a line for each command of the group.
@@ -108,6 +139,19 @@ mod tests {
         }
         calls.retain(|call| call.first().is_some_and(|word| word == "rubik-robot"));
         calls
+    }
+
+    #[test]
+    fn helps_of_another_program_name_it() {
+        let other = named(with_groups(Cli::command()), "own_cell", "3.1.4");
+
+        for_each(&other, "own_cell", &mut |words, command| {
+            let help = command.clone().render_long_help().to_string();
+            assert!(!help.contains("rubik-robot "), "{words}: {help}");
+        });
+        let help = other.clone().render_long_help().to_string();
+        assert!(help.contains("own_cell run") && !help.contains("rubik-robot "), "{help}");
+        assert_eq!(other.render_version(), "own_cell 3.1.4\n");
     }
 
     #[test]

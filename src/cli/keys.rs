@@ -24,8 +24,9 @@ pub(super) fn run(word: Option<&str>, markdown: bool, output: &mut Output) -> an
     if chosen.is_empty() {
         let word = word.unwrap_or_default();
         return Err(refuse(format!(
-            "no key contains `{word}`: {}`rubik-robot keys` lists all keys",
-            meant(word, &keys)
+            "no key contains `{word}`: {}`{} keys` lists all keys",
+            meant(word, &keys),
+            catalogue::program().program
         )));
     }
     if markdown {

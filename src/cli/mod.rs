@@ -64,6 +64,7 @@ mod weigh;
 
 use crate::hw::image_file;
 use crate::scenario::catalogue::Catalogue;
+use crate::scenario::maker::Maker;
 use arguments::ScenarioArgs;
 use clap::{CommandFactory, FromArgMatches as _, Parser, Subcommand};
 use output::{Output, Refused, WRONG, complain};
@@ -323,15 +324,21 @@ Exit codes: 0 printed, 2 there is no such command.")]
     Picture(picture::PictureArgs),
 }
 
+/// Returns the command line of this process: its helps name the program that [`main`] was given.
+fn command() -> clap::Command {
+    let Maker { program, version, .. } = catalogue::program();
+    help::named(help::with_groups(Cli::command()), &program, &version)
+}
+
 /// Runs the command of the arguments, with the tasks in `catalogue`, and returns its exit code.
 #[must_use]
 pub fn main(catalogue: Catalogue) -> ExitCode {
     catalogue::set(catalogue);
-    let parsed = help::with_groups(Cli::command()).try_get_matches();
+    let parsed = command().try_get_matches();
     let parsed = parsed.and_then(|matches| Cli::from_arg_matches(&matches));
     let cli = match parsed {
         Ok(cli) => cli,
-        Err(message) => return usage::answer(message, &Cli::command()),
+        Err(message) => return usage::answer(message, &command()),
     };
     log::start(std::env::var("RUST_LOG").ok().as_deref());
     let mut output = Output::stdout();
@@ -362,10 +369,8 @@ pub fn main(catalogue: Catalogue) -> ExitCode {
         Command::Merge(args) => merge_nodes::run(&args),
         Command::Urdf(args) => urdf::run(&args, &mut output),
         Command::Schema => schema::run(&mut output),
-        Command::Completions { shell } => {
-            shell::completions(shell, &mut Cli::command(), &mut output)
-        }
-        Command::Man { command } => shell::manual(command.as_deref(), Cli::command(), &mut output),
+        Command::Completions { shell } => shell::completions(shell, &mut command(), &mut output),
+        Command::Man { command: name } => shell::manual(name.as_deref(), command(), &mut output),
     };
     // A refused call has an exit code of its own; any other error is one of the system.
     let code = done.or_else(|error| {

@@ -25,7 +25,7 @@ use crate::record::journal::Journal;
 use crate::record::place::Place;
 use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
-use crate::run::{self, RunContext, RunOptions, SavedFiles, numbered};
+use crate::run::{self, RunContext, RunOptions, SavedFiles, check_task, numbered};
 use crate::scenario::declared::TaskLabel;
 use crate::scenario::keys::{BridgeKind, Pace};
 use crate::scenario::{Override, Scenario};
@@ -368,6 +368,7 @@ impl RunArgs {
         let mut scenario = self.scenario.load(&self.overrides()).map_err(refuse)?;
         self.ros.set(&mut scenario.controller.ros)?;
         self.check(&scenario)?;
+        check_task(&scenario).map_err(refuse)?;
         let files = saved_files(&self.keep, scenario.bridge.kind, scenario.controller.task)
             .map_err(refuse)?;
         check_outputs(self, &files)?;

@@ -10,7 +10,8 @@ pub(super) fn completions(
     output: &mut Output,
 ) -> anyhow::Result<u8> {
     let mut text = Vec::new();
-    clap_complete::generate(shell, program, "rubik-robot", &mut text);
+    let name = program.get_name().to_owned();
+    clap_complete::generate(shell, program, name, &mut text);
     output.text(&String::from_utf8_lossy(&text))?;
     Ok(0)
 }
@@ -24,7 +25,8 @@ pub(super) fn manual(
     // Only a built command has its usage line and its options `--help` and `--version`.
     program.build();
     // The page of a command has the name that `man` expects: rubik-robot-run.
-    let title = command.map_or_else(|| "rubik-robot".to_owned(), |c| format!("rubik-robot-{c}"));
+    let own = program.get_name().to_owned();
+    let title = command.map_or_else(|| own.clone(), |c| format!("{own}-{c}"));
     let page = match command {
         None => program,
         Some(name) => {
@@ -34,7 +36,7 @@ pub(super) fn manual(
                 let near = nearest(name, &names);
                 let near = near.map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
                 return Err(refuse(format!(
-                    "there is no command `{name}`: {near}`rubik-robot --help` lists the commands"
+                    "there is no command `{name}`: {near}`{own} --help` lists the commands"
                 )));
             };
             found.clone()

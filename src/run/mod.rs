@@ -13,6 +13,7 @@
 mod bridge_log;
 pub(crate) mod calibrate;
 mod calibration_poses;
+mod check;
 mod composition;
 mod disturbance;
 mod documents;
@@ -45,6 +46,7 @@ mod witness;
 mod world;
 mod world_file;
 
+pub use check::check_task;
 pub(crate) use documents::numbered;
 pub(crate) use interrupt::{ending_signals, signalled};
 pub(crate) use node::{NodeContext, NodeEnd, host};

@@ -1,6 +1,7 @@
 //! The tasks other than those of the cube, under virtual time.
 
 use crate::missions::run;
+use crate::program::program;
 use nalgebra::Vector3;
 use rubik_robot::desk::Desk;
 use rubik_robot::record::summary::{Outcome, Summary};
@@ -130,6 +131,20 @@ fn three_arms_are_refused_by_tasks_of_two() {
     let five = (0..5).map(arm).collect::<Vec<_>>().concat();
     let faults = rubik_robot::tasks::read(Path::new("five.toml"), &five, &[]).unwrap_err();
     assert!(faults.to_string().contains("at most 4 can be driven"), "{faults}");
+}
+
+/// The jaws do not open as wide as the bar, which only the task's kernel knows.
+#[test]
+fn check_finds_what_kernel_refuses() {
+    for command in ["check", "run"] {
+        let mut call = program();
+        call.args([command, "scenarios/carry_bar.toml", "--set", "carry_bar.width_mm=80"]);
+        let out = call.current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap();
+
+        let told = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{command}: {told}");
+        assert!(told.contains("task \"carry_bar\"") && told.contains("the bar"), "{told}");
+    }
 }
 
 /// A bar that one gripper lets go is no success: the controller stops at once, and the judge, which

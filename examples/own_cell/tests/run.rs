@@ -83,6 +83,17 @@ fn injected_faults_reach_own_sensor() {
 }
 
 #[test]
+fn program_speaks_of_itself_by_its_name() {
+    let version = own_cell(&["--version"]);
+    let help = own_cell(&["help", "run"]);
+
+    let version = String::from_utf8_lossy(&version.stdout).into_owned();
+    assert_eq!(version, concat!("own_cell ", env!("CARGO_PKG_VERSION"), "\n"));
+    let help = String::from_utf8_lossy(&help.stdout).into_owned();
+    assert!(help.contains("own_cell run") && !help.contains("rubik-robot run"), "{help}");
+}
+
+#[test]
 fn keys_of_task_are_checked_and_listed() {
     let listed = String::from_utf8(own_cell(&["keys", "wave"]).stdout).unwrap();
     assert!(listed.contains("wave.swing_deg = 10"), "{listed}");

@@ -5,6 +5,8 @@ import { keep, kept } from "./settings.js";
 
 /** Number of points from which on two neighbours of the older half become one. */
 const MOST = 8000;
+/** Names of the colours of the curves, one for each arm. */
+const HUES = ["one", "two", "three", "four"];
 /** Time between two drawings (ms). */
 const DRAWN = 250;
 
@@ -124,7 +126,7 @@ export class Curves {
     this.place.replaceChildren();
     this.charts = this.possible().filter((chart) => this.names.includes(chart.name)).map((chart) => {
       const names = chart.servo ? ["late", "work"] : this.stage.arms.map((arm) => arm.name);
-      const key = el("span", {}, ...names.map((name, i) => el("span", { className: `key ${i ? "two" : ""}`, textContent: name })));
+      const key = el("span", {}, ...names.map((name, i) => el("span", { className: `key ${HUES[i] ?? ""}`, textContent: name })));
       const title = el("span");
       const canvas = el("canvas");
       canvas.setAttribute("role", "img");
@@ -318,7 +320,7 @@ function draw(chart, { points, from, to, at: marked, stage, bands, now }) {
   at.clip();
   const count = points.length ? values(points[0]).length : 0;
   for (let i = 0; i < count; i++) {
-    at.strokeStyle = colour(i ? "--two" : "--one");
+    at.strokeStyle = colour(`--${HUES[i] ?? HUES[0]}`);
     at.lineWidth = 1.4;
     at.beginPath();
     let begun = false;

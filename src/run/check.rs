@@ -1,0 +1,25 @@
+//! Check of a scenario by its task, before a run.
+//!
+//! - in: the scenario
+//! - out: the reason why the cell does not allow the task, as the run would find it
+
+use super::plan::Plan;
+use super::task::entry_of;
+use crate::registry::Logbook;
+use crate::scenario::Scenario;
+
+/// Checks whether the task can make its kernel for the cell, as at the beginning of a run. The
+/// tasks with a hand-over check their scenario completely when it is read.
+///
+/// # Errors
+/// The reason why the cell does not allow the task.
+pub fn check_task(scenario: &Scenario) -> Result<(), String> {
+    if scenario.controller.task.properties.hands_over {
+        return Ok(());
+    }
+    let entry = entry_of(scenario).map_err(|why| why.to_string())?;
+    let plan = Plan::of(scenario).map_err(|why| why.to_string())?;
+    let kernel = entry.kernel(&scenario.controller, true, plan.meetings, &mut Logbook::default());
+    let word = scenario.controller.task.word();
+    kernel.map(|_| ()).map_err(|why| format!("{}: task \"{word}\": {why}", scenario.path.display()))
+}
