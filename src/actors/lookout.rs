@@ -13,24 +13,37 @@ use crate::emergency_stop::StopButton;
 use crate::error::{Error, Fatal};
 use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::reach::guard::Guard;
+use crate::reach::pairs::Pairs;
 use std::collections::VecDeque;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Duration;
 use tokio::sync::watch;
 
 /// Time between two checks of the arms.
 const INTERVAL: Duration = Duration::from_millis(20);
 
-/// A flag of MP for the lookout: while it is set, the commanded motions keep the hands apart, so
-/// fingers and cubes count as obstacles.
-#[derive(Debug, Clone, Default)]
-pub struct Apart(Arc<AtomicBool>);
+/// Word of MP for the lookout: the pairs of arms whose hands the commanded motions let meet.
+/// Fingers and cubes of the others count as obstacles. In the beginning all may meet.
+#[derive(Debug, Clone)]
+pub struct MayMeet(Arc<AtomicU8>);
 
-impl Apart {
-    /// Sets whether the lookout must keep the hands apart (`true`) or they may touch (`false`).
-    pub fn set(&self, apart: bool) {
-        self.0.store(apart, Ordering::Release);
+impl Default for MayMeet {
+    fn default() -> Self {
+        Self(Arc::new(AtomicU8::new(Pairs::ALL.bits())))
+    }
+}
+
+impl MayMeet {
+    /// Sets the pairs whose hands may meet.
+    pub fn set(&self, pairs: Pairs) {
+        self.0.store(pairs.bits(), Ordering::Release);
+    }
+
+    /// Returns the pairs whose hands may meet.
+    #[must_use]
+    pub fn pairs(&self) -> Pairs {
+        Pairs::of_bits(self.0.load(Ordering::Acquire))
     }
 }
 
@@ -99,7 +112,7 @@ pub(crate) async fn run_lookout(
     mut guard: Guard,
     watched: Vec<Watched>,
     stop: StopButton,
-    apart: Apart,
+    may_meet: MayMeet,
     services: Services,
 ) {
     let late: Vec<_> = watched.iter().map(|arm| arm.late).collect();
@@ -134,11 +147,10 @@ pub(crate) async fn run_lookout(
         let opening = |i: usize| known(&arms, i).then(|| arms[i].jaw_opening);
         guard.holding::<MOST_ARMS>(std::array::from_fn(opening));
         let mut now = distances(&guard, &arms);
-        if !apart.0.load(Ordering::Acquire) {
-            // The hands are to meet, so their distance does not count. The distance to keep later
-            // begins with the one at which they part.
-            (now, least) = (now.meeting(), least.meeting());
-        }
+        // The distance of hands that are to meet does not count. The distance to keep later begins
+        // with the one at which they part.
+        let joined = may_meet.pairs();
+        (now, least) = (now.meeting(joined), least.meeting(joined));
         if let Err(near) = guard.check_motion(&least, &now).and(slow) {
             let now = services.clock.period() as f64 * PERIOD;
             services.trace.tell(Notice::Warning(now, format!("{near}: all arms are stopped")));
@@ -221,10 +233,11 @@ mod tests {
         let (trace, mut notices) = Trace::bare(RunHash::default());
         let clock = Clock::new(tokio::time::Instant::now(), switches);
         let services = Services::bare(clock, watch::channel(Control::Running).1, trace);
-        let apart = Apart::default();
-        apart.set(keeps_apart);
+        let may_meet = MayMeet::default();
+        may_meet.set(if keeps_apart { Pairs::NONE } else { Pairs::ALL });
         let listens = services.supervision.watchdog.listen();
-        let watching = tokio::spawn(run_lookout(guard, listening, stop.button(), apart, services));
+        let watching =
+            tokio::spawn(run_lookout(guard, listening, stop.button(), may_meet, services));
         let mut stopped = None;
         for (number, arms) in states.iter().enumerate() {
             for ((sender, _), state) in channels.iter().zip(arms) {

@@ -15,6 +15,7 @@ use crate::generators::own::Forecast;
 use crate::generators::profile::Profile;
 use crate::motion::{ArmState, JointPositions};
 use crate::reach::guard::{Guard, Near, PlannedMotion};
+use crate::reach::pairs::Pairs;
 use crate::spatial::Pose;
 use std::sync::Arc;
 
@@ -64,7 +65,7 @@ pub(super) fn forecast(
 }
 
 /// Checks that the ordered motions bring no arm too near an obstacle, and gives more time to those
-/// that are too fast. Returns whether the hands are to keep apart during the motions.
+/// that are too fast. Returns the pairs whose hands may meet during the motions.
 ///
 /// # Errors
 /// The obstacle to which an arm would come too near. The orders stay as they were then.
@@ -73,14 +74,14 @@ pub(super) fn admit(
     known: Known<'_>,
     orders: &mut [Option<Behaviour>],
     forecasts: &Forecasts,
-) -> Result<bool, Near> {
-    let apart = check_paths(guard, known, orders, forecasts)?;
+) -> Result<Pairs, Near> {
+    let joined = check_paths(guard, known, orders, forecasts)?;
     slow_down(guard, known, orders, forecasts);
-    Ok(apart)
+    Ok(joined)
 }
 
-/// Checks that the ordered motions bring no arm too near an obstacle. Returns whether the hands are
-/// to keep apart during the motions.
+/// Checks that the ordered motions bring no arm too near an obstacle. Returns the pairs whose
+/// hands may meet during the motions.
 ///
 /// # Errors
 /// The obstacle to which an arm would come too near.
@@ -89,13 +90,13 @@ fn check_paths(
     known: Known<'_>,
     orders: &[Option<Behaviour>],
     forecasts: &Forecasts,
-) -> Result<bool, Near> {
+) -> Result<Pairs, Near> {
     let from = known.arms.map(|arm| arm.map(|arm| &arm.desired_joints));
     let ways = paths_of(guard, known, orders, forecasts, path);
     guard.check_paths(from, ways.each_ref())?;
     // An approach may lead to the other hand: it counts here, though its path is not checked.
     let led = paths_of(guard, known, orders, forecasts, longest_path);
-    Ok(guard.keep_apart(from, led.each_ref()))
+    Ok(guard.may_meet(from, led.each_ref()))
 }
 
 /// Gives more time to ordered motions that are too fast near the operator's hand or for a motor.

@@ -550,7 +550,10 @@ fn origin(html: &mut String, tally: &Tally) {
             let _ = write!(html, "<tr><th>{name}<td><code>{}</code></tr>", escaped(value));
         }
     };
-    row("program", &format!("rubik-robot {}, build {}", header.version, header.build));
+    row(
+        "program",
+        &format!("{} {}, build {}", header.program_name(), header.version, header.build),
+    );
     row("scenario", &format!("{} (sum {})", header.scenario, header.scenario_sum));
     row("changed by --set", &header.set.join("; "));
     let last = header.seed.saturating_add(header.runs.saturating_sub(1));

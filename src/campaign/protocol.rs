@@ -92,7 +92,15 @@ fn title(t: &mut String, setup: &Setup, tally: &Tally, score: &Score) {
     line(t, "");
     line(t, "| | |\n|---|---|");
     line(t, &format!("| Reference | {} of `rubik-robot benchmark` |", setup.kind.name()));
-    line(t, &format!("| Program | rubik-robot {}, build {} |", header.version, header.build));
+    line(
+        t,
+        &format!(
+            "| Program | {} {}, build {} |",
+            header.program_name(),
+            header.version,
+            header.build
+        ),
+    );
     // A path with this prefix is not a file: the scenario is built into the program.
     let own =
         if header.scenario.starts_with("shipped:") { " (built into the program)" } else { "" };

@@ -110,6 +110,12 @@ impl std::fmt::Display for Shard {
 }
 
 impl Header {
+    /// Returns the name of the program that performed the campaign.
+    #[must_use]
+    pub fn program_name(&self) -> &str {
+        self.program.as_ref().map_or("rubik-robot", |maker| &maker.program)
+    }
+
     /// Returns the seeds of this shard.
     pub fn seeds(&self) -> impl Iterator<Item = u64> + use<> {
         let (first, step) = (self.shard.number - 1, self.shard.of);

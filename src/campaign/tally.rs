@@ -71,6 +71,8 @@ impl Column {
     }
 }
 
+/// Largest number of figures of a task that tables and pages show.
+const COLUMNS: usize = 60;
 /// Number of failures that the table lists one by one.
 const LISTED: usize = 20;
 
@@ -147,10 +149,13 @@ impl Tally {
             values: known(of),
             decimals: *decimals,
         });
-        let of_task = self.task_figures().into_iter().map(|name| {
+        let of_task = self.task_figures().into_iter().take(COLUMNS).map(|name| {
             let values = known(&|figures| figures.of_task.get(name).copied());
             let whole = values.iter().all(|(value, _)| value.fract() == 0.0);
-            Column { words: name.to_owned(), values, decimals: if whole { 0 } else { 2 } }
+            // Three digits of the greatest value, since a figure may be a small share.
+            let most = values.iter().map(|(value, _)| value.abs()).fold(0.0, f64::max);
+            let digits = (2.0 - most.max(1e-9).log10().floor()).clamp(1.0, 9.0) as usize;
+            Column { words: name.to_owned(), values, decimals: if whole { 0 } else { digits } }
         });
         // Earlier builds did not measure every quantity.
         common.chain(of_task).filter(|column| !column.values.is_empty()).collect()
@@ -224,9 +229,9 @@ impl Tally {
     /// Returns the command that repeats a run.
     #[must_use]
     pub fn command(&self, run: &RunResult) -> String {
-        let program = self.header.program.as_ref().map_or("rubik-robot", |maker| &maker.program);
+        let program = self.header.program_name();
         let mut words = vec![
-            format!("{program} run"),
+            format!("{} run", quoted(program)),
             quoted(&self.header.scenario).into_owned(),
             format!("--seed {}", run.seed),
         ];

@@ -61,7 +61,7 @@ pub(super) fn named(command: Command, program: &str, version: &str) -> Command {
 
 /// Replaces the name of this crate's program in the texts of a command and of its subcommands.
 fn with_name(mut command: Command, program: &str) -> Command {
-    let own = |text: &StyledStr| text.to_string().replace(OWN, program);
+    let own = |text: &StyledStr| renamed(&text.to_string(), program);
     if let Some(text) = command.get_after_help().map(own) {
         command = command.after_help(text);
     }
@@ -73,6 +73,17 @@ fn with_name(mut command: Command, program: &str) -> Command {
         None => arg,
     });
     command.mut_subcommands(|command| with_name(command, program))
+}
+
+/// Replaces the name of this crate's program in a text, except as a part of a path.
+fn renamed(text: &str, program: &str) -> String {
+    let mut parts = text.split(OWN);
+    let mut whole = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        whole += if whole.ends_with('/') { OWN } else { program };
+        whole += part;
+    }
+    whole
 }
 
 /// Returns the list of commands: a heading, then a line for each command of the group.
@@ -147,7 +158,8 @@ mod tests {
 
         for_each(&other, "own_cell", &mut |words, command| {
             let help = command.clone().render_long_help().to_string();
-            assert!(!help.contains("rubik-robot "), "{words}: {help}");
+            let named = help.replace("/rubik-robot", "/").contains("rubik-robot");
+            assert!(!named, "{words}: {help}");
         });
         let help = other.clone().render_long_help().to_string();
         assert!(help.contains("own_cell run") && !help.contains("rubik-robot "), "{help}");

@@ -26,6 +26,7 @@
 
 use super::bodies::{Bodies, at_the_cube, hands};
 use super::motors::{MOMENTS, MOTORS, farthest_turn};
+use super::pairs::{PAIR, PAIRS, Pairs};
 use crate::cell::{Cell, MOST_ARMS, PerArm};
 use crate::cube::Keeper;
 use crate::generators::legs::Legs;
@@ -106,7 +107,7 @@ pub struct Guard {
 /// Number of distances that belong to one arm each, for all arms: table, own links, zone.
 const OF_ARMS: usize = 3 * MOST_ARMS;
 /// Number of all distances: those of one arm each, between the arms, and between the hands.
-const DISTANCES: usize = OF_ARMS + 3;
+const DISTANCES: usize = OF_ARMS + 2 * PAIRS;
 
 /// Distance between two arms (m), each with its index.
 type Measure<'a> = dyn Fn((usize, &Bodies), (usize, &Bodies)) -> f64 + 'a;
@@ -126,40 +127,40 @@ pub struct Distances {
     own: PerArm<Option<f64>>,
     /// Distance of each arm from the operator's zone; `None` without a person.
     zone: PerArm<Option<f64>>,
-    /// Least distance between two arms, without the parts that meet at one cube.
-    arms: Option<f64>,
-    /// Least distance between the parts that meet at one cube: fingers and cube with another hand.
-    hands: Option<f64>,
-    /// The same distance of the pair of hands that is nearest to each other after that one; `None`
-    /// with two arms.
-    next_hands: Option<f64>,
+    /// Distance between the arms of each pair, without the parts that meet at one cube.
+    arms: [Option<f64>; PAIRS],
+    /// Distance between the parts of each pair that meet at one cube: fingers and cube with the
+    /// other hand.
+    hands: [Option<f64>; PAIRS],
 }
 
 impl Distances {
     /// Returns all distances (m): of each arm from the table, of each hand from its own links, of
-    /// each arm from the operator's zone, between the arms, and between the hands.
+    /// each arm from the operator's zone, between the arms of each pair, and between its hands.
     fn all(&self) -> [Option<f64>; DISTANCES] {
-        let Self { table, own, zone, arms, hands, next_hands } = self;
+        let Self { table, own, zone, arms, hands } = self;
         let of_arms = [table, own, zone];
         std::array::from_fn(|which| match which.checked_sub(OF_ARMS) {
             None => of_arms[which / MOST_ARMS][which % MOST_ARMS],
-            Some(0) => *arms,
-            Some(1) => *hands,
-            Some(_) => *next_hands,
+            Some(pair) if pair < PAIRS => arms[pair],
+            Some(pair) => hands[pair - PAIRS],
         })
     }
 
-    /// Returns these distances without the one between the hands, for hands that are to meet at one
-    /// cube. A third hand may not come to them.
+    /// Returns these distances without those between the hands of these pairs, which are to meet at
+    /// one cube.
     #[must_use]
-    pub fn meeting(self) -> Self {
-        Self { hands: None, ..self }
+    pub fn meeting(mut self, pairs: Pairs) -> Self {
+        for pair in (0..PAIRS).filter(|&pair| pairs.has(pair)) {
+            self.hands[pair] = None;
+        }
+        self
     }
 
-    /// Returns whether the hands are known to be at least [`MIN_DISTANCE`] apart, less
+    /// Returns whether the hands of a pair are known to be at least [`MIN_DISTANCE`] apart, less
     /// [`LATITUDE`].
-    fn apart(&self) -> bool {
-        self.hands.is_some_and(|hands| hands >= MIN_DISTANCE - LATITUDE)
+    fn apart(&self, pair: usize) -> bool {
+        self.hands[pair].is_some_and(|hands| hands >= MIN_DISTANCE - LATITUDE)
     }
 
     /// Returns for each distance the larger one of `self`, the present value, and `before`. A body
@@ -179,9 +180,8 @@ impl Distances {
             table: each(self.table, before.table),
             own: each(self.own, before.own),
             zone: each(self.zone, before.zone),
-            arms: more(self.arms, before.arms),
-            hands: more(self.hands, before.hands),
-            next_hands: more(self.next_hands, before.next_hands),
+            arms: std::array::from_fn(|i| more(self.arms[i], before.arms[i])),
+            hands: std::array::from_fn(|i| more(self.hands[i], before.hands[i])),
         }
     }
 }
@@ -189,13 +189,22 @@ impl Distances {
 /// Pair of bodies that comes too near, or hand that is too fast.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Near {
-    /// The two arms, at this distance (m).
-    #[error("the arms come within {:.0} mm of each other", .0 * 1e3)]
-    Arms(f64),
-    /// The fingers or the cube of one hand and the other hand, at this distance (m), though the
-    /// hands are not to meet now.
-    #[error("the hands come within {:.0} mm of each other", .0 * 1e3)]
-    Hands(f64),
+    /// Two arms.
+    #[error("the arms{arms} come within {:.0} mm of each other", .distance * 1e3)]
+    Arms {
+        /// Names of the arms, as " A and B"; empty in a cell of two.
+        arms: String,
+        /// Distance (m).
+        distance: f64,
+    },
+    /// The fingers or the cube of one hand and another hand, though the hands are not to meet now.
+    #[error("the hands{arms} come within {:.0} mm of each other", .distance * 1e3)]
+    Hands {
+        /// Names of the arms, as " of A and B"; empty in a cell of two.
+        arms: String,
+        /// Distance (m).
+        distance: f64,
+    },
     /// An arm and the operator's zone. The hand of the arm that takes the cube may enter the zone.
     #[error("the {arm} arm comes within {:.0} mm of the operator's zone", .distance * 1e3)]
     Zone {
@@ -354,6 +363,16 @@ impl Guard {
         self.distances_of(&self.bodies_of_all(per_arm(joints, None)))
     }
 
+    /// Returns in words which arms are in each other at these joint positions; `None` if none are.
+    #[must_use]
+    pub fn overlap(&self, joints: PerArm<Option<&JointPositions>>) -> Option<String> {
+        let arms = self.distances(joints).arms;
+        let within = |pair: usize| arms[pair].filter(|distance| *distance < 0.0);
+        let (pair, distance) = (0..PAIRS).find_map(|pair| Some((pair, within(pair)?)))?;
+        let (arms, depth) = (self.names("", pair), -1e3 * distance);
+        Some(format!("the arms{arms} are {depth:.0} mm deep in each other"))
+    }
+
     /// Returns the bodies of the arms whose joints are known.
     fn bodies_of_all(&self, joints: PerArm<Option<&JointPositions>>) -> PerArm<Option<Bodies>> {
         let known = |i: usize| joints[i].filter(|_| i < self.cell.arms.len());
@@ -364,34 +383,20 @@ impl Guard {
     fn distances_of(&self, bodies: &PerArm<Option<Bodies>>) -> Distances {
         let of =
             |measure: &dyn Fn(&Bodies) -> f64| bodies.each_ref().map(|b| b.as_ref().map(measure));
-        // The least two over all pairs, each of which is (i, j) once, with i < j.
         let pairs = |measure: &Measure<'_>| {
-            let known = |from: usize| {
-                let known = bodies.iter().enumerate().skip(from);
-                known.filter_map(|(i, body)| Some((i, body.as_ref()?)))
-            };
-            let all = known(0).flat_map(|a| known(a.0 + 1).map(move |b| measure(a, b)));
-            all.fold([None, None], |[least, next]: [Option<f64>; 2], now| match least {
-                Some(least) if now < least => [Some(now), Some(least)],
-                Some(least) => [Some(least), Some(next.map_or(now, |next| next.min(now)))],
-                None => [Some(now), None],
-            })
+            PAIR.map(|(i, j)| Some(measure((i, bodies[i].as_ref()?), (j, bodies[j].as_ref()?))))
         };
         let off = |i: usize| {
             // Without a person the arms need not keep off the zone.
             let body = bodies[i].as_ref().filter(|_| self.hand_speed.is_some());
             body.map(|body| body.distance_to_zone(&self.cell.hand, i != TAKER))
         };
-        let [arms, _] = pairs(&|(_, a), (_, b)| at_the_cube(a, b));
-        let [hands, next_hands] =
-            pairs(&|(i, a), (j, b)| hands(a, b, [self.hold[i], self.hold[j]]));
         Distances {
             table: of(&|body| body.lowest() - self.cell.table_height),
             own: of(&Bodies::own),
             zone: std::array::from_fn(off),
-            arms,
-            hands,
-            next_hands,
+            arms: pairs(&|(_, a), (_, b)| at_the_cube(a, b)),
+            hands: pairs(&|(i, a), (j, b)| hands(a, b, [self.hold[i], self.hold[j]])),
         }
     }
 
@@ -426,13 +431,24 @@ impl Guard {
         // The numbers are those of `Distances::all`.
         let Some((which, distance)) = too_near else { return Ok(()) };
         let arm = || self.name(which % MOST_ARMS);
-        Err(match which / MOST_ARMS {
-            0 => Near::Table { arm: arm(), height: distance },
-            1 => Near::Own { arm: arm(), distance },
-            2 => Near::Zone { arm: arm(), distance },
-            _ if which == OF_ARMS => Near::Arms(distance),
-            _ => Near::Hands(distance),
+        Err(match (which / MOST_ARMS, which.checked_sub(OF_ARMS)) {
+            (0, _) => Near::Table { arm: arm(), height: distance },
+            (1, _) => Near::Own { arm: arm(), distance },
+            (2, _) => Near::Zone { arm: arm(), distance },
+            (_, Some(pair)) if pair >= PAIRS => {
+                Near::Hands { arms: self.names(" of", pair - PAIRS), distance }
+            }
+            (_, pair) => Near::Arms { arms: self.names("", pair.unwrap_or_default()), distance },
         })
+    }
+
+    /// Returns the names of a pair of arms after a word; empty in a cell of two.
+    fn names(&self, word: &str, pair: usize) -> String {
+        let (first, second) = PAIR[pair];
+        if self.cell.arms.len() < 3 {
+            return String::new();
+        }
+        format!("{word} {} and {}", self.name(first), self.name(second))
     }
 
     /// Checks whether the arms may take the paths `ways` from the joint positions `from`. All arms
@@ -449,9 +465,9 @@ impl Guard {
     ) -> Result<(), Near> {
         let mut courses = self.courses(from, ways);
         let places = self.places(&mut courses);
-        let apart = self.stay_apart(&places);
+        let joined = self.joined(&places);
         // Fingers and cube of hands that are to meet may touch on the whole path.
-        let as_meant = |distances: Distances| if apart { distances } else { distances.meeting() };
+        let as_meant = |distances: Distances| distances.meeting(joined);
         let before = as_meant(places[0].distances);
         let check =
             |distances: Distances| self.within(&before, &as_meant(distances), &Tolerance::ON_PATH);
@@ -499,23 +515,38 @@ impl Guard {
         check(to.distances)
     }
 
-    /// Returns whether the hands must stay apart on the paths `ways` of all arms: they are apart
+    /// Returns the pairs whose hands may meet on the paths `ways` of all arms. The others are apart
     /// at the beginning and at the end, or the guard is made by [`Guard::by_hand`], which allows no
-    /// meeting.
+    /// meeting. A hand meets one other at most.
     #[must_use]
-    pub fn keep_apart<const N: usize>(
+    pub fn may_meet<const N: usize>(
         &self,
         from: [Option<&JointPositions>; N],
         ways: [&PlannedMotion; N],
-    ) -> bool {
-        self.stay_apart(&self.places(&mut self.courses(from, ways)))
+    ) -> Pairs {
+        self.joined(&self.places(&mut self.courses(from, ways)))
     }
 
-    /// Returns whether the hands must stay apart, as [`Guard::keep_apart`], for paths given by the
+    /// Returns the pairs whose hands may meet, as [`Guard::may_meet`], for paths given by the
     /// places on them.
-    fn stay_apart(&self, places: &[Place]) -> bool {
+    fn joined(&self, places: &[Place]) -> Pairs {
         let (begin, end) = (&places[0].distances, &places[places.len() - 1].distances);
-        self.never_meet && begin.hands.is_some() || begin.apart() && end.apart()
+        let free = |pair: &usize| !self.never_meet || begin.hands[*pair].is_none();
+        let near = (0..PAIRS).filter(free).filter(|pair| !begin.apart(*pair));
+        let near = near.fold(Pairs::NONE, Pairs::with);
+        // The pairs of an arm whose place is unknown have no distance that could count.
+        let known = (0..PAIRS).filter(|pair| begin.hands[*pair].is_some());
+        let together = known.filter(|pair| near.has(*pair)).fold(Pairs::NONE, Pairs::with);
+        let meet = |(joined, taken): (Pairs, Pairs), pair: usize| {
+            let (one, other) = PAIR[pair];
+            if taken.names(one) || taken.names(other) {
+                (joined, taken)
+            } else {
+                (joined.with(pair), taken.with(pair))
+            }
+        };
+        let coming = (0..PAIRS).filter(free).filter(|&p| begin.apart(p) && !end.apart(p));
+        coming.fold((near, together), meet).0
     }
 
     /// Returns the beginning and the ends of the [`STEPS`] equal parts of the paths, at which every
@@ -722,7 +753,8 @@ mod tests {
         let (mut refused, mut into, mut on_and_on) = (0, 0, 0);
         for meeting in meetings {
             // The hands are at one cube, so they are to meet.
-            let distances = |stand: [Option<&JointPositions>; 2]| guard.distances(stand).meeting();
+            let distances =
+                |stand: [Option<&JointPositions>; 2]| guard.distances(stand).meeting(Pairs::ALL);
             let free = distances([Some(&meeting.track), Some(&meeting.postument)]);
             assert_eq!(guard.check_motion(&free, &free), Ok(()));
             // Joint 2 is turned so far that the postument's hand is in the table.
@@ -743,7 +775,7 @@ mod tests {
                 near
             };
             let meets = |track: &JointPositions| {
-                matches!(watched(track, &meeting.postument), Err(Near::Arms(_)))
+                matches!(watched(track, &meeting.postument), Err(Near::Arms { .. }))
             };
             let Some(near) = (1..=20).map(nearer).find(meets) else { continue };
             refused += 1;
@@ -754,10 +786,13 @@ mod tests {
                 ends.map(|to| PlannedMotion::Joints(*to.unwrap()))
             };
             let into_arm = guard.check_paths(ends[0], to(ends[1]).each_ref());
-            assert!(matches!(into_arm, Err(Near::Arms(_) | Near::Hands(_))), "{into_arm:?}");
+            assert!(
+                matches!(into_arm, Err(Near::Arms { .. } | Near::Hands { .. })),
+                "{into_arm:?}"
+            );
             // Fingers and cubes that are apart at both ends may be too near on the path.
             let out = guard.check_paths(ends[1], to(ends[0]).each_ref());
-            assert!(matches!(out, Ok(()) | Err(Near::Hands(_))), "{out:?}");
+            assert!(matches!(out, Ok(()) | Err(Near::Hands { .. })), "{out:?}");
 
             // If bodies are too near already, the arm still may not go on in the same direction,
             // and the other hand may not enter the table.
@@ -766,7 +801,7 @@ mod tests {
             let on = [Some(&on), Some(&meeting.postument)];
             let nears = distances(on).arms < distances(ends[1]).arms;
             let further = guard.check_paths(ends[1], to(on).each_ref());
-            assert!(further.is_err() == nears || matches!(further, Err(Near::Hands(_))));
+            assert!(further.is_err() == nears || matches!(further, Err(Near::Hands { .. })));
             // A motion that is watched may go on for a while, since its limits are less strict.
             let watched = guard.check_motion(&distances(ends[1]), &distances(on));
             assert!(nears || watched.is_ok());
@@ -803,7 +838,7 @@ mod tests {
             into +=
                 usize::from(guard.check_paths(ends[0], [&there, &PlannedMotion::Stays]).is_err());
             let out = guard.check_paths(ends[0], [&back, &PlannedMotion::Stays]);
-            assert!(matches!(out, Ok(()) | Err(Near::Hands(_))), "{out:?}");
+            assert!(matches!(out, Ok(()) | Err(Near::Hands { .. })), "{out:?}");
         }
         // The hands of a view may pass each other, so not all meetings are refused farther on.
         assert!(refused >= 16, "{refused}");
@@ -833,7 +868,7 @@ mod tests {
             let nearest = |step: u32| {
                 let track = from.towards(to, f64::from(step) / f64::from(steps));
                 let distances = guard.distances([Some(&track), Some(postument)]);
-                distances.arms.unwrap().min(distances.hands.unwrap())
+                distances.arms[0].unwrap().min(distances.hands[0].unwrap())
             };
             (0..=steps).map(nearest).fold(f64::INFINITY, f64::min)
         };
@@ -849,7 +884,7 @@ mod tests {
             [&PlannedMotion::Joints(to), &PlannedMotion::Stays],
         );
 
-        assert!(matches!(refused, Err(Near::Arms(_) | Near::Hands(_))), "{refused:?}");
+        assert!(matches!(refused, Err(Near::Arms { .. } | Near::Hands { .. })), "{refused:?}");
     }
 
     /// Checks random straight paths of the tool. On some of them the inverse kinematics jumps to
@@ -891,7 +926,7 @@ mod tests {
             let stands = |track| [Some(track), Some(&meeting.postument)];
             let (before, behind) = (along(-0.3), along(0.3));
             let (back, to) = (&meeting.track_back, PlannedMotion::Joints(meeting.track));
-            assert!(!guard.keep_apart(stands(back), [&to, &PlannedMotion::Stays]));
+            assert!(guard.may_meet(stands(back), [&to, &PlannedMotion::Stays]).join(0, 1));
             assert_eq!(
                 guard.check_paths(stands(back), [&to, &PlannedMotion::Stays]),
                 Ok(()),
@@ -900,30 +935,34 @@ mod tests {
             met += 1;
 
             // Arms that an operator moves must not meet.
-            if guard.distances(stands(back)).apart() {
+            if guard.distances(stands(back)).apart(0) {
                 let by_hand =
                     guard.clone().by_hand().check_paths(stands(back), [&to, &PlannedMotion::Stays]);
-                assert!(matches!(by_hand, Err(Near::Hands(_))), "{by_hand:?}");
+                assert!(matches!(by_hand, Err(Near::Hands { .. })), "{by_hand:?}");
             }
 
             let past = PlannedMotion::Joints(behind);
-            if !guard.keep_apart(stands(&before), [&past, &PlannedMotion::Stays]) {
+            if guard.may_meet(stands(&before), [&past, &PlannedMotion::Stays]).join(0, 1) {
                 continue;
             }
             let way = guard.check_paths(stands(&before), [&past, &PlannedMotion::Stays]);
             assert!(way.is_err(), "a path through the other hand is refused");
-            passed += usize::from(matches!(way, Err(Near::Hands(_))));
+            passed += usize::from(matches!(way, Err(Near::Hands { .. })));
             // While they are watched, the hands may be at one cube only if they are to meet.
             let (far, near) =
                 (guard.distances(stands(&before)), guard.distances(stands(&meeting.track)));
-            assert!(matches!(guard.check_motion(&far, &near), Err(Near::Hands(_))));
-            assert_eq!(guard.check_motion(&far.meeting(), &near.meeting()), Ok(()));
+            assert!(matches!(guard.check_motion(&far, &near), Err(Near::Hands { .. })));
+            assert_eq!(
+                guard.check_motion(&far.meeting(Pairs::ALL), &near.meeting(Pairs::ALL)),
+                Ok(())
+            );
         }
         assert!(met >= 12 && passed >= 4, "{met} {passed}");
     }
 
-    /// A third arm where the second one is keeps the same distances, and may not come to two hands
-    /// that meet at a cube.
+    /// A third arm where the second one is keeps the same distances. It may not come to two hands
+    /// that meet at a cube, nor to the hand that goes to meet another one; a pair that is too near
+    /// frees no other one.
     #[test]
     fn guard_watches_each_pair_of_three_arms() {
         let mut cell = example_cell();
@@ -937,20 +976,35 @@ mod tests {
             let (track, there) = (Some(&meeting.track), Some(&meeting.postument));
             let of_pair = pair.distances([track, there]);
             let of_third = guard.distances([track, None, there]);
-            assert_eq!((of_third.arms, of_third.hands), (of_pair.arms, of_pair.hands));
-            assert_eq!((of_third.own[2], of_third.next_hands), (of_pair.own[1], None));
+            // The pairs are (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3).
+            assert_eq!((of_third.arms[1], of_third.hands[1]), (of_pair.arms[0], of_pair.hands[0]));
+            assert_eq!((of_third.own[2], of_third.hands[0]), (of_pair.own[1], None));
 
             // Two hands meet, and the third one comes from aside.
             let mut aside = meeting.postument;
             aside.0[1] += 1.2;
             let from = [track, there, Some(&aside)];
-            let (far, near) = (guard.distances(from), guard.distances([track, there, there]));
-            assert_eq!(guard.check_motion(&far.meeting(), &far.meeting()), Ok(()));
-            assert!(guard.check_motion(&far.meeting(), &near.meeting()).is_err());
-            met += 1;
             let to = PlannedMotion::Joints(meeting.postument);
             let ways = [&PlannedMotion::Stays, &PlannedMotion::Stays, &to];
-            refused += usize::from(guard.check_paths(from, ways).is_err());
+            let joined = guard.may_meet(from, ways);
+            assert!(joined.join(0, 1) && !joined.join(0, 2) && !joined.join(1, 2));
+            let (far, near) = (guard.distances(from), guard.distances([track, there, there]));
+            let (far, near) = (far.meeting(joined), near.meeting(joined));
+            assert_eq!(guard.check_motion(&far, &far), Ok(()));
+            assert!(guard.check_motion(&far, &near).is_err());
+            met += 1;
+            let why = guard.check_paths(from, ways);
+            refused += usize::from(why.is_err_and(|why| why.to_string().contains(" third ")));
+
+            // The second and the third arm are in each other; the first may not come to them.
+            let mut before = meeting.track;
+            before.0[0] -= 0.6;
+            let from = [Some(&before), there, there];
+            let past = PlannedMotion::Joints(meeting.track);
+            let ways = [&past, &PlannedMotion::Stays, &PlannedMotion::Stays];
+            let both = guard.may_meet(from, ways);
+            assert!(!(both.join(0, 1) && both.join(0, 2)), "a hand meets one other");
+            assert!(guard.check_paths(from, ways).is_err());
         }
         assert!(met >= 12 && refused == met, "{refused} of {met}");
     }
@@ -967,9 +1021,7 @@ mod tests {
             let apart = |openings: [Option<f64>; 2]| {
                 let mut guard = Guard::of(&cell, LIMIT);
                 guard.holding(openings);
-                guard
-                    .distances([Some(&meeting.track_back), Some(&meeting.postument)])
-                    .hands
+                guard.distances([Some(&meeting.track_back), Some(&meeting.postument)]).hands[0]
                     .unwrap()
             };
             let (held, empty) = (apart([Some(edge); 2]), apart([Some(0.0); 2]));
@@ -986,7 +1038,7 @@ mod tests {
             guard.holding([Some(0.0); 2]);
             guard.holding([None; 2]);
             let distances = guard.distances([Some(&meeting.track_back), Some(&meeting.postument)]);
-            assert_eq!(distances.hands, Some(held));
+            assert_eq!(distances.hands[0], Some(held));
         }
         assert!(told_apart >= 4, "{told_apart}");
     }
@@ -1014,7 +1066,11 @@ mod tests {
         assert!(guard.check_motion(&above(0.004), &above(0.0015)).is_err());
 
         // Arms that pass each other on a path that keeps 6 mm may deviate from it by 2 mm.
-        let apart = |arms: f64| Distances { arms: Some(arms), ..Distances::default() };
+        let apart = |arms: f64| {
+            let mut distances = Distances::default();
+            distances.arms[0] = Some(arms);
+            distances
+        };
         assert_eq!(guard.check_motion(&apart(0.05), &apart(0.0041)), Ok(()));
         assert!(guard.check_motion(&apart(0.05), &apart(0.0039)).is_err());
     }
@@ -1109,8 +1165,10 @@ mod tests {
                 [&PlannedMotion::Stays, &back]
             };
             let asked = guard.check_paths(from, ways);
-            let watched = guard
-                .check_motion(&guard.distances(from).meeting(), &guard.distances(stands).meeting());
+            let watched = guard.check_motion(
+                &guard.distances(from).meeting(Pairs::ALL),
+                &guard.distances(stands).meeting(Pairs::ALL),
+            );
             assert_eq!(asked.is_err(), watched.is_err(), "{asked:?} {watched:?}");
             asked
         };

@@ -20,6 +20,7 @@ mod fold;
 pub mod guard;
 mod meeting;
 mod motors;
+pub mod pairs;
 mod search;
 mod settings;
 mod stance;

@@ -16,6 +16,7 @@ use super::feed::Feed;
 use super::file::File;
 use super::place::Place;
 use super::sheet::{MessageWriter, RunInfo};
+use crate::cell::MOST_ARMS;
 use crate::hw::driver::{RecordSink, ServoRecord};
 use crate::hw::storage::{Storage, StorageFault};
 use std::io::{Seek, SeekFrom, Write};
@@ -26,8 +27,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Capacity of the ring (servo records): four seconds of two arms with a servo period of 2 ms.
-const TICKS: usize = 4096;
+/// Capacity of the ring (servo records): four seconds of all arms with a servo period of 2 ms.
+const TICKS: usize = 2048 * MOST_ARMS;
 /// Capacity of the queue (entries).
 const QUEUE: usize = 1024;
 /// Largest number of pictures in the queue, which take about 30 MB.

@@ -25,7 +25,8 @@ pub trait Task: Sized + 'static {
         let _ = (keys, config, reader);
     }
 
-    /// Makes the kernel.
+    /// Makes the kernel. `check` does this as well, and a run more than once, so it must change
+    /// nothing outside of the kernel.
     ///
     /// # Errors
     /// The reason why the cell does not allow the task.

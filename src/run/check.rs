@@ -5,15 +5,22 @@
 
 use super::plan::Plan;
 use super::task::entry_of;
+use crate::reach::guard::Guard;
 use crate::registry::Logbook;
 use crate::scenario::Scenario;
 
-/// Checks whether the task can make its kernel for the cell, as at the beginning of a run. The
-/// tasks with a hand-over check their scenario completely when it is read.
+/// Checks whether the arms have room where they start, and whether the task can make its kernel for
+/// the cell, as at the beginning of a run. The tasks with a hand-over check their scenario
+/// completely when it is read.
 ///
 /// # Errors
 /// The reason why the cell does not allow the task.
 pub fn check_task(scenario: &Scenario) -> Result<(), String> {
+    let cell = &scenario.controller.cell;
+    let starts = std::array::from_fn(|i| cell.arms.get(i).map(|arm| &arm.start));
+    if let Some(overlap) = Guard::of(cell, f64::MAX).overlap(starts) {
+        return Err(format!("{}: at the start {overlap}", scenario.path.display()));
+    }
     if scenario.controller.task.properties.hands_over {
         return Ok(());
     }

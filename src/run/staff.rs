@@ -14,7 +14,7 @@ use crate::actors::control::permission_soon;
 use crate::actors::ecp::Surroundings;
 use crate::actors::edp::EdpHandle;
 use crate::actors::homing::{self, wait_for_homing};
-use crate::actors::lookout::{self, Apart};
+use crate::actors::lookout::{self, MayMeet};
 use crate::actors::manner::manner;
 use crate::actors::move_instruction::Manner;
 use crate::actors::notice::Notice;
@@ -109,8 +109,8 @@ pub(super) struct Drivers {
     unsynchronised: Vec<usize>,
     /// Guard against collisions.
     guard: Guard,
-    /// Flag of MP for the lookout: whether the commanded motions keep the hands apart.
-    apart: Apart,
+    /// Word of MP for the lookout: the pairs of arms whose hands may meet.
+    may_meet: MayMeet,
 }
 
 /// Actors below MP. EDPs and VSPs end when this is dropped, after the run has wound down: a camera
@@ -125,8 +125,8 @@ pub(super) struct Staff {
     pub(super) manners: Vec<Manner>,
     /// Guard against collisions.
     pub(super) guard: Guard,
-    /// Flag of MP for the lookout: whether the commanded motions keep the hands apart.
-    pub(super) apart: Apart,
+    /// Word of MP for the lookout: the pairs of arms whose hands may meet.
+    pub(super) may_meet: MayMeet,
     /// Nodes beside that of MP.
     pub(super) nodes: Nodes,
 }
@@ -178,13 +178,13 @@ pub(super) fn start_drivers(
     let edps: Vec<_> = beside.iter().enumerate().map(|(i, edp)| nodes.home(i, edp)).collect();
     let guard = Guard::of(&config.cell, config.control.hand_speed);
     let guard = if by_hand { guard.by_hand() } else { guard };
-    let apart = Apart::default();
+    let may_meet = MayMeet::default();
     // The lookout checks both arms' states every 20 ms and stops them before they touch.
     let watching = lookout::run_lookout(
         guard.clone(),
         nodes.watched(&edps),
         servos.stop_button.clone(),
-        apart.clone(),
+        may_meet.clone(),
         services.clone(),
     );
     services.supervision.watchdog.spawn("guard", watching);
@@ -193,7 +193,7 @@ pub(super) fn start_drivers(
         |i: usize| nodes.is_synchronised(i).or(servos.synchronised.get(&i).copied());
     let unsynchronised =
         (0..edps.len()).filter(|&i| is_synchronised(i) != Some(true) && !by_hand).collect();
-    Drivers { edps, beside, unsynchronised, guard, apart }
+    Drivers { edps, beside, unsynchronised, guard, may_meet }
 }
 
 /// Synchronises each arm whose position is unknown.
@@ -267,7 +267,7 @@ pub(super) async fn start_actors(
     services: &Services,
     (faults, nodes): (&InjectedFaults, Nodes),
 ) -> Result<Staff, Error> {
-    let Drivers { edps, beside, unsynchronised, guard, apart } = drivers;
+    let Drivers { edps, beside, unsynchronised, guard, may_meet } = drivers;
     let sensors = start_sensors(config, &edps, sources, services, (faults, &nodes))?;
     let manners: Vec<_> =
         (0..config.cell.arms.len()).map(|effector| manner(config, effector)).collect();
@@ -315,7 +315,7 @@ pub(super) async fn start_actors(
             done = ecps[i].behave(start) => done,
         }?;
     }
-    Ok(Staff { edps, ecps, sensors, manners, guard, apart, nodes })
+    Ok(Staff { edps, ecps, sensors, manners, guard, may_meet, nodes })
 }
 
 /// VSPs, each with the actor that owns it.

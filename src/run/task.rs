@@ -93,7 +93,7 @@ pub(super) async fn run_task(
     let mut kernel = kernel.map_err(|why| not_created("task", &why))?;
     // MP takes the ECPs: they end with it. EDPs and VSPs stay with the staff until the verdict.
     let states = staff.states();
-    let Staff { ecps, sensors, manners, guard, apart, .. } = staff;
+    let Staff { ecps, sensors, manners, guard, may_meet, .. } = staff;
     let mp = Mp::new(mp::Parts {
         turning,
         forces: sensors.forces.take(),
@@ -113,7 +113,7 @@ pub(super) async fn run_task(
         operator: to_task,
         journal: logbook.journal,
         guard: Some(guard.clone()),
-        apart: apart.clone(),
+        may_meet: may_meet.clone(),
         services: services.under(Some(&faults.mp)),
     });
     let pauses = Pauses::watch(services.control.clone());

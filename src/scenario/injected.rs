@@ -55,7 +55,7 @@ words! {
         TurnUndone = "turn_undone",
         /// A force of magnitude (N) pushes the hand of an arm along a direction of the world.
         Push = "push",
-        /// The operator withdraws the cube once more.
+        /// The operator withdraws the cube that he brings or offers, once more.
         Withdraw = "withdraw",
         /// The cameras see a sticker in another colour.
         Misread = "misread",
@@ -176,7 +176,8 @@ section! {
         arm: Option<String> = None;
         /// Axis that has the fault: 0 the track, 1 to 6, 7 the jaw.
         axis: Option<u32> = None, 0.0..=7.0;
-        /// Direction: 0, 1, 2 along x, y, z and 3, 4, 5 about them.
+        /// Direction: 0, 1, 2 along x, y, z and 3, 4, 5 about them; of the sensor, or of the world
+        /// for a push and the base of an arm.
         direction: u32 = 2, 0.0..=5.0;
         /// Camera that has the fault.
         camera: Option<String> = None;

@@ -22,7 +22,7 @@ words! {
     pub Coordination {
         /// MP invokes behaviours, and the ECPs run the generators.
         Sporadic = "sporadic",
-        /// MP's generators command both arms at each macrostep, and the ECPs transmit.
+        /// MP's generators command all arms at each macrostep, and the ECPs transmit.
         Continuous = "continuous",
         /// MP is dormant, and each ECP carries out a programme of its own.
         Absent = "absent",

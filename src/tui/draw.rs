@@ -329,7 +329,7 @@ fn keys_of(app: &App, width: usize) -> Vec<Line<'_>> {
         return vec![Line::from(app.note.as_str()).yellow()];
     }
     if app.sure {
-        let asked = "terminate: both arms come to rest and hold what they hold?";
+        let asked = "terminate: all arms come to rest and hold what they hold?";
         let mut lines = vec![Line::from(asked).yellow()];
         lines.extend(help(&[("y", "terminate"), ("n", "continue"), STOP], width));
         return lines;

@@ -133,6 +133,19 @@ fn three_arms_are_refused_by_tasks_of_two() {
     assert!(faults.to_string().contains("at most 4 can be driven"), "{faults}");
 }
 
+#[test]
+fn check_refuses_arms_in_each_other() {
+    let mut call = program();
+    call.args(["check", "scenarios/three_arms.toml"]);
+    call.args(["--set", "effector.third.base_xyz_mm=[0,2110,0]"]);
+    call.args(["--set", "effector.third.base_rpy_deg=[0,0,0]"]);
+    let out = call.current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap();
+
+    let told = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{told}");
+    assert!(told.contains("the arms postument and third are"), "{told}");
+}
+
 /// The jaws do not open as wide as the bar, which only the task's kernel knows.
 #[test]
 fn check_finds_what_kernel_refuses() {

@@ -127,7 +127,7 @@ impl Mp {
         // an arm that comes too near an obstacle.
         if let Some(guard) = self.guard() {
             let from = self.known().map(|arm| arm.map(|arm| &arm.desired_joints));
-            self.keep_apart(guard.keep_apart(from, [&PlannedMotion::Stays; MOST_ARMS]));
+            self.let_meet(guard.may_meet(from, [&PlannedMotion::Stays; MOST_ARMS]));
         }
         let mut jog = Jog::new(axis, by, macrostep);
         while !jog.is_over() {

@@ -22,7 +22,7 @@ mod under_way;
 use super::control::{Control, Terminated, permission_soon};
 use super::ecp::EcpHandle;
 use super::fault::ActorFault;
-use super::lookout::Apart;
+use super::lookout::MayMeet;
 use super::move_instruction::Manner;
 use super::notice::Notice;
 use super::sensor::{SensorHandle, readings};
@@ -42,6 +42,7 @@ use crate::kernel::{
 use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::operator::Input;
 use crate::reach::guard::{Guard, Near};
+use crate::reach::pairs::Pairs;
 use crate::record::journal::Journal;
 use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};
@@ -91,8 +92,8 @@ pub struct Parts {
     /// Guard that refuses paths on which an arm would come too near an obstacle; `None` without a
     /// cell.
     pub guard: Option<Guard>,
-    /// Flag that is set while the hands are to keep apart.
-    pub apart: Apart,
+    /// Pairs of arms whose hands may meet, for the lookout.
+    pub may_meet: MayMeet,
     /// Services of the run.
     pub services: Services,
 }
@@ -116,7 +117,7 @@ impl Parts {
             operator: None,
             journal: None,
             guard: None,
-            apart: Apart::default(),
+            may_meet: MayMeet::default(),
             services,
         }
     }
@@ -225,10 +226,11 @@ impl Mp {
         })
     }
 
-    /// Tells the lookout whether the hands are to keep apart during MP's own motions. The hand of a
-    /// programme must stay apart from every other one.
-    fn keep_apart(&self, apart: bool) {
-        self.parts.apart.set(apart || !self.programmes.running.is_empty());
+    /// Tells the lookout which hands may meet during MP's own motions. The hand of a programme must
+    /// stay apart from every other one.
+    fn let_meet(&self, pairs: Pairs) {
+        let running = self.programmes.running.iter();
+        self.parts.may_meet.set(running.fold(pairs, |pairs, &arm| pairs.without(arm)));
     }
 
     /// Returns the guard that checks paths, with the present openings of the jaws. Returns `None`
@@ -250,9 +252,9 @@ impl Mp {
             tools: std::array::from_fn(|i| self.tools.get(i).copied().flatten()),
             manners: std::array::from_fn(|i| self.parts.manners.get(i)),
         };
-        let apart = ways::admit(&guard, known, orders, forecasts)?;
+        let joined = ways::admit(&guard, known, orders, forecasts)?;
         // Before the motion begins, so that the lookout judges all of it by the right rule.
-        self.keep_apart(apart);
+        self.let_meet(joined);
         Ok(())
     }
 
@@ -451,6 +453,14 @@ impl Mp {
             let why = "without coordination only programmes order effectors".to_owned();
             return Err(Stop::Error(defect(why)));
         }
+        // The paths are checked against the arms of programmes as they are now.
+        for &effector in &self.programmes.running {
+            if let (Some(arm), Some(state)) =
+                (self.arms.get_mut(effector), self.parts.states.get(effector))
+            {
+                *arm = *state.borrow();
+            }
+        }
         let forecasts = match self.forecasts(&orders) {
             Ok(forecasts) => forecasts,
             Err(error) => return self.error_event(error).await,
@@ -502,6 +512,9 @@ impl Mp {
         effector: usize,
         view: View,
     ) -> Result<Result<Event<C>, Error>, Error> {
+        if let Err(busy) = self.check_own([effector].into_iter(), "look") {
+            return Ok(Err(busy));
+        }
         let reading = match self.parts.hand_cameras.get(effector).and_then(Option::as_ref) {
             Some(camera) => camera.look(view).await,
             None => self.ecp(effector)?.look(view).await,
@@ -540,6 +553,8 @@ impl Mp {
 
     /// Zeroes the force sensors of the chosen effectors under their present load.
     async fn bias(&mut self, which: &[bool]) -> Result<(), Error> {
+        let wanted = which.iter().enumerate().filter(|(_, wanted)| **wanted);
+        self.check_own(wanted.map(|(effector, _)| effector), "zero a force sensor")?;
         for (ecp, _) in self.parts.ecps.iter().zip(which).filter(|(_, wanted)| **wanted) {
             match ecp.bias().await {
                 // The sensor has been zeroed, so the task continues. The operator gets the error.
@@ -554,14 +569,22 @@ impl Mp {
         self.refresh().await
     }
 
+    /// Checks that none of these effectors carries out a programme, which would not answer MP.
+    fn check_own(
+        &self,
+        mut effectors: impl Iterator<Item = usize>,
+        place: &'static str,
+    ) -> Result<(), Error> {
+        let Some(busy) = self.programmes.busy(&mut effectors) else { return Ok(()) };
+        let why = format!("effector {busy} carries out a programme, which may do this itself");
+        let cause = NonFatal::Arguments(why);
+        Err(Error::NonFatal { actor: "mp".into(), place: place.into(), cause })
+    }
+
     /// Adjusts an effector that carries out no programme.
     async fn adjust(&mut self, effector: usize, adjustment: Adjustment) -> Result<(), Error> {
         let ecp = self.ecp(effector)?.clone();
-        if self.programmes.busy([effector].into_iter()).is_some() {
-            let why = format!("effector {effector} carries out a programme, which may adjust it");
-            let cause = NonFatal::Arguments(why);
-            return Err(Error::NonFatal { actor: "mp".into(), place: "adjust".into(), cause });
-        }
+        self.check_own([effector].into_iter(), "adjust")?;
         match self.heartbeat.away(ecp.adjust(adjustment)).await {
             // The arm stays stopped, as since the end of its programme: the task decides.
             Err(Error::Fatal { actor, place, cause, .. }) if adjustment == Adjustment::Reset => {
@@ -695,6 +718,7 @@ mod tests {
     use crate::kernel::programme::Programmes;
     use crate::motion::JointPositions;
     use crate::reach::guard::PlannedMotion;
+    use crate::reach::pairs::Pairs;
     use crate::reach::{MeetingTable, ReachSettings, example_cell};
     use crate::record::run_hash::RunHash;
     use nalgebra::Vector3;
@@ -752,22 +776,24 @@ mod tests {
             mp.guard_orders(&mut [Some(to(along(0.3))), None], &Default::default())
         };
 
-        assert!(matches!(through(Synchronisation::Yes), Err(Near::Arms(_) | Near::Hands(_))));
+        assert!(matches!(
+            through(Synchronisation::Yes),
+            Err(Near::Arms { .. } | Near::Hands { .. })
+        ));
         assert_eq!(through(Synchronisation::No), Ok(()));
     }
 
     #[tokio::test(start_paused = true)]
     async fn hands_must_stay_apart_except_around_shared_grasp() {
         let (meeting, along) = meeting();
-        // The flag has no reader outside the lookout, so the test reads its `Debug` form.
-        let apart = |mp: &Mp| format!("{:?}", mp.parts.apart) == "Apart(true)";
+        let apart = |mp: &Mp| !mp.parts.may_meet.pairs().join(0, 1);
         let orders = |from: JointPositions, orders: [Option<Behaviour>; 2]| {
             let mp = standing(guard(), [arm(from), arm(meeting.postument)]);
             let mut orders = orders;
             mp.guard_orders(&mut orders, &Default::default()).unwrap();
             let first = apart(&mp);
             // Each order sets the flag itself: the value before has no effect.
-            mp.parts.apart.set(!first);
+            mp.parts.may_meet.set(if first { Pairs::ALL } else { Pairs::NONE });
             mp.guard_orders(&mut orders, &Default::default()).unwrap();
             assert_eq!(apart(&mp), first);
             first
@@ -790,7 +816,7 @@ mod tests {
 
             mp.guard_orders(&mut [None, None], &Default::default()).unwrap();
 
-            assert_eq!(format!("{:?}", mp.parts.apart), format!("Apart({programmes})"));
+            assert_eq!(mp.parts.may_meet.pairs().join(0, 1), !programmes);
         }
     }
 
@@ -834,7 +860,7 @@ mod tests {
         let turned = mp.turn_motor(0, 0, 1.0).await;
 
         assert!(turned.is_err());
-        assert_eq!(format!("{:?}", mp.parts.apart), "Apart(true)");
+        assert!(!mp.parts.may_meet.pairs().join(0, 1));
     }
 
     #[tokio::test(start_paused = true)]
@@ -888,7 +914,7 @@ mod tests {
         let mut into = [Some(through(vec![along(0.3), along(-0.3)])), None];
         let forecasts = mp.forecasts(&into).unwrap();
         let refused = mp.guard_orders(&mut into, &forecasts);
-        assert!(matches!(refused, Err(Near::Arms(_) | Near::Hands(_))), "{refused:?}");
+        assert!(matches!(refused, Err(Near::Arms { .. } | Near::Hands { .. })), "{refused:?}");
 
         // Past the operator the motion gets more time.
         let past = |d0: f64| JointPositions([d0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
@@ -966,7 +992,7 @@ mod tests {
             // The first place on the path to the other hand at which a cube is an obstacle.
             let mut beside = (1..40).map(|i| -0.4 + 0.01 * f64::from(i));
             let Some(by) = beside.find(|by| goes(*by, edge).is_err()) else { continue };
-            if matches!(goes(by, edge), Err(Near::Hands(_))) {
+            if matches!(goes(by, edge), Err(Near::Hands { .. })) {
                 tried += usize::from(goes(by, 0.0).is_ok());
             }
         }

@@ -28,8 +28,8 @@ impl Mp {
         }
         let outbox = Outbox { effector, mailbox: self.programmes.to_mp.clone() };
         self.heartbeat.away(ecp.start(programme, outbox)).await?;
-        // No order of MP joins these hands, so they must stay apart.
-        self.parts.apart.set(true);
+        // No order of MP joins this hand with another, so it must stay apart.
+        self.parts.may_meet.set(self.parts.may_meet.pairs().without(effector));
         self.programmes.running.push(effector);
         self.programmes.own.push(effector);
         Ok(())

@@ -32,8 +32,7 @@ impl Plant {
         let v = &mut self.verdict;
         for (i, touch) in self.balance.touches.iter().enumerate().take(self.arms.len()) {
             let (force, torque) = (touch.force.norm(), touch.torque.norm());
-            let load = self.objects.load(i);
-            let (pull, twist) = load.map_or((0.0, 0.0), |l| (l.force.norm(), l.torque.norm()));
+            let (pull, twist) = self.objects.contact(i);
             v.arm_peak_force[i] = v.arm_peak_force[i].max(force).max(pull);
             v.arm_peak_torque[i] = v.arm_peak_torque[i].max(torque).max(twist);
             if both {

@@ -43,8 +43,9 @@ enum Phase {
     Outside,
     /// Brings the cube and holds it.
     Bringing { since: f64 },
-    /// Withdraws the cube and comes again. `apart` is the displacement of the cube at the start, in
-    /// the world (m), by which the path of the withdrawal and the cube's pose differ.
+    /// Withdraws the cube and comes again. `apart` is the displacement by which the path of the
+    /// withdrawal and the cube's pose differ at the start, in the world (m). It fades on the way
+    /// back: a hand that is still on its way does not come nearer to withdraw.
     DrawingBack {
         since: f64,
         #[serde(default)]
@@ -243,8 +244,8 @@ impl OperatorHand {
                 Some(moved(&self.place, out * left + self.sway_and_tremor(t, since + s.arrival)))
             }
             Phase::DrawingBack { since, apart } => {
-                // The path begins where the cube is.
-                let apart = apart * (1.0 - minimum_jerk(t - since));
+                // The path begins where the cube is, at rest.
+                let apart = apart * (1.0 - minimum_jerk(t - since - 1.0 - AWAY));
                 Some(moved(&self.place, apart + self.withdrawn(t, since)))
             }
             Phase::Taking { since, from } => {
@@ -503,20 +504,23 @@ mod tests {
             for begin in [2.5, 5.0, 20.0] {
                 let mut hand = hand(seed);
                 hand.phase = Phase::Bringing { since: 1.0 };
+                let at = |hand: &OperatorHand, t: f64| hand.hold(t).unwrap().p;
                 for t in [begin, begin + 0.4, begin + 3.5] {
-                    let before = hand.hold(t).unwrap().p;
+                    let before = at(&hand, t);
                     hand.draw_back(t);
-                    assert!((hand.hold(t).unwrap().p - before).norm() < 1e-12, "{begin}, {t}");
-                }
+                    assert!((at(&hand, t) - before).norm() < 1e-12, "{begin}, {t}");
 
-                let at = |t: f64| hand.hold(t).unwrap().p;
-                let fastest = (0..500)
-                    .map(|i| begin + 3.5 + 0.002 * f64::from(i))
-                    .map(|t| (at(t + 0.002) - at(t)).norm() / 0.002)
-                    .fold(0.0, f64::max);
-                assert!(fastest < 1.0, "{fastest} m/s");
-                let away = (at(begin + 5.5) - hand.place.p).norm();
-                assert!((away - hand.script.withdrawal).abs() < 0.02, "{away} m");
+                    let out = |at: Vector3<f64>| at.dot(&hand.script.start_offset.normalize());
+                    for i in 0..2000 {
+                        let t = t + 0.002 * f64::from(i);
+                        let fastest = (at(&hand, t + 0.002) - at(&hand, t)).norm() / 0.002;
+                        assert!(fastest < 1.5, "{fastest} m/s, {begin}, {t}");
+                    }
+                    let gone = out(at(&hand, t + 2.0) - before);
+                    assert!((gone - hand.script.withdrawal).abs() < 0.02, "{gone} m");
+                }
+                let back = (at(&hand, begin + 9.0) - hand.place.p).norm();
+                assert!(back < 0.02, "{back} m");
             }
         }
     }

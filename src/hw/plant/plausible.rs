@@ -20,7 +20,7 @@ fn most(key: &str, in_grasp: bool) -> f64 {
         "bristles" | "slid" => 1.0,
         // A cube in a hand is near the tool; elsewhere a place is in the cell.
         "p" if in_grasp => 0.5,
-        "slip" | "p" => 10.0,
+        "slip" | "p" | "apart" => 10.0,
         // Entries of a rotation, which `is_rotation` checks further.
         "r" => 1.1,
         "counterbalance" | "velocity" => 100.0,

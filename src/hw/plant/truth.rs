@@ -149,6 +149,11 @@ pub fn draw(belief: &Cell, errors: &ErrorSpreads, seed: u64) -> Cell {
         let tool = grasp.world_from_tool;
         arm.world_from_base = tool * off * tool.inverse() * arm.world_from_base;
     }
+    for arm in truth.arms.iter_mut().skip(2) {
+        let moved = small(chance.vector(errors.base), chance.vector(errors.base_tilt));
+        let at = Pose::from_parts(errors.pivot.coords.into(), UnitQuaternion::identity());
+        arm.world_from_base = at * moved * at.inverse() * arm.world_from_base;
+    }
     truth
 }
 

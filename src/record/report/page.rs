@@ -334,7 +334,7 @@ fn timing(html: &mut String, story: &Story) {
             let periods = story.arms.iter().map(|arm| arm.ticks).max().unwrap_or(0);
             let _ = write!(
                 html,
-                "<p>{periods} periods of both arms, plant, cameras and recording took {:.1} s on \
+                "<p>{periods} periods of all arms, plant, cameras and recording took {:.1} s on \
                  this machine: {:.0} us a period.</p>",
                 summary.wall_time_s,
                 summary.wall_time_s / periods.max(1) as f64 * 1e6

@@ -140,18 +140,19 @@ async fn perform(robot: Robot, job: Job) -> Result<String, Hindrance> {
     patrol::begin(&robot, alone.clone(), &order).await?;
     if let Err(why) = carry(&robot, &job).await {
         // A fault of an arm that goes rounds stops the carriers as well.
-        let ended = if alone.is_empty() { None } else { robot.receive(CAUSE).await? };
-        return Err(match ended {
-            Some(Message::Ended { effector, finish }) if !finish.achieved => {
-                Hindrance(format!("{why}; effector {effector}: {}", finish.reason))
+        for _ in alone {
+            if let Ok(Some(Message::Ended { effector, finish })) = robot.receive(CAUSE).await
+                && !finish.achieved
+            {
+                return Err(Hindrance(format!("{why}; effector {effector}: {}", finish.reason)));
             }
-            _ => why,
-        });
+        }
+        return Err(why);
     }
     if !alone.is_empty() {
         robot.phase("wait for the other arms").await?;
     }
-    patrol::end(&robot, alone.len()).await?;
+    patrol::end(&robot, alone.len(), &order).await?;
     Ok("the bar is carried and laid down".to_owned())
 }
 

@@ -24,8 +24,8 @@ use std::ops::Range;
 
 /// Name of the programme.
 pub const ROUNDS: &str = "patrol_rounds";
-/// Longest time of a patrol (s).
-const PATIENCE: f64 = 3600.0;
+/// Longest time of a patrol, and of each of its rounds (s).
+const PATIENCE: (f64, f64) = (600.0, 60.0);
 /// Time for which an arm rests at the end of a round (s).
 const REST: f64 = 0.2;
 /// Number of tries to reach a stop.
@@ -50,7 +50,7 @@ pub fn patrol(order: Order) -> RobotKernel {
         robot.phase("patrol").await?;
         let arms = robot.arms().len();
         begin(&robot, 0..arms, &order).await?;
-        end(&robot, arms).await?;
+        end(&robot, arms, &order).await?;
         Ok(format!("all arms have gone {} rounds", order.rounds))
     })
 }
@@ -68,10 +68,15 @@ pub(in crate::tasks) async fn begin(
 }
 
 /// Waits for the ends of the programmes on this number of arms.
-pub(in crate::tasks) async fn end(robot: &Robot, arms: usize) -> Result<(), Hindrance> {
+pub(in crate::tasks) async fn end(
+    robot: &Robot,
+    arms: usize,
+    order: &Order,
+) -> Result<(), Hindrance> {
+    let patience = PATIENCE.0 + PATIENCE.1 * f64::from(order.rounds);
     let mut failed = Vec::new();
     for _ in 0..arms {
-        match robot.receive(PATIENCE).await? {
+        match robot.receive(patience).await? {
             Some(Message::Ended { finish, .. }) if finish.achieved => {}
             Some(Message::Ended { finish, effector }) => {
                 failed.push(format!("effector {effector}: {}", finish.reason));

@@ -45,6 +45,9 @@ pub(super) struct Objects {
     probes: PerArm<Option<Probe>>,
     /// Load on each tool in the last substep.
     loads: Option<PerArm<Load>>,
+    /// Force and torque of the objects on the tool of each arm in the last substep, without those
+    /// of persons (N, Nm).
+    contacts: PerArm<(f64, f64)>,
 }
 
 impl Objects {
@@ -72,6 +75,7 @@ impl Objects {
             leads: leads.iter().map(Lead::new).collect(),
             probes,
             loads: None,
+            contacts: [(0.0, 0.0); MOST_ARMS],
         }
     }
 
@@ -83,6 +87,11 @@ impl Objects {
     /// Returns the load on the tool of an arm in the last substep, if there is any object.
     pub(super) fn load(&self, arm: usize) -> Option<&Load> {
         self.loads.as_ref()?.get(arm)
+    }
+
+    /// Returns force and torque of the objects on the tool of an arm in the last substep (N, Nm).
+    pub(super) fn contact(&self, arm: usize) -> (f64, f64) {
+        self.contacts[arm]
     }
 
     /// Checks whether the gripper of an arm is closed on an object.
@@ -123,6 +132,7 @@ impl Objects {
             }
             body.touched.most_force = body.touched.most_force.max(tips.most());
         }
+        self.contacts = loads.each_ref().map(|load| (load.force.norm(), load.torque.norm()));
         for lead in &mut self.leads {
             let arm = lead.arm();
             if let (Some(Some(tool)), Some(load)) = (tools.get(arm), loads.get_mut(arm)) {
