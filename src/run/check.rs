@@ -5,6 +5,7 @@
 
 use super::plan::Plan;
 use super::task::entry_of;
+use crate::error::{Error, System};
 use crate::reach::guard::Guard;
 use crate::registry::Logbook;
 use crate::scenario::Scenario;
@@ -24,9 +25,18 @@ pub fn check_task(scenario: &Scenario) -> Result<(), String> {
     if scenario.controller.task.properties.hands_over {
         return Ok(());
     }
-    let entry = entry_of(scenario).map_err(|why| why.to_string())?;
-    let plan = Plan::of(scenario).map_err(|why| why.to_string())?;
-    let kernel = entry.kernel(&scenario.controller, true, plan.meetings, &mut Logbook::default());
     let word = scenario.controller.task.word();
-    kernel.map(|_| ()).map_err(|why| format!("{}: task \"{word}\": {why}", scenario.path.display()))
+    let refused = |why: &str| format!("{}: task \"{word}\": {why}", scenario.path.display());
+    let entry = entry_of(scenario).map_err(|error| refused(reason(&error)))?;
+    let plan = Plan::of(scenario).map_err(|error| refused(reason(&error)))?;
+    let kernel = entry.kernel(&scenario.controller, true, plan.meetings, &mut Logbook::default());
+    kernel.map(|_| ()).map_err(|why| refused(&why))
+}
+
+/// Returns why a part of a run could not be created.
+fn reason(error: &Error) -> &str {
+    match error {
+        Error::System { cause: System::NotCreated { why, .. }, .. } => why,
+        _ => "the cell does not allow it",
+    }
 }

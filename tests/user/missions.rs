@@ -476,9 +476,8 @@ fn paper_scenario_of_2007_is_solved_and_returned() {
 #[test]
 fn run_that_cannot_start_prints_a_summary() {
     let out = program()
-        .args(["run", "scenarios/face_turn.toml", "--json"])
-        // With the bases 9 m apart the hands cannot meet.
-        .args(["--set", "effector.postument.base_xyz_mm=[0,9000,0]"])
+        .args(["run", "scenarios/idle.toml", "--json", "--ui", "none"])
+        .args(["--journal", "/nowhere/journal"])
         .output()
         .unwrap();
 
@@ -486,7 +485,23 @@ fn run_that_cannot_start_prints_a_summary() {
     let printed = String::from_utf8(out.stdout).unwrap();
     let summary: Summary = serde_json::from_str(printed.lines().last().unwrap()).unwrap();
     assert_eq!(summary.outcome, Outcome::Aborted);
-    assert!(summary.reason.contains("both hands can hold"), "{}", summary.reason);
+    assert!(summary.reason.contains("/nowhere/journal"), "{}", summary.reason);
     assert_eq!((summary.peak_force_n, summary.peak_torque_nm), (Some(0.0), Some(0.0)));
     assert_eq!(summary.cube_start.unwrap().len(), 54);
+}
+
+/// With the bases 9 m apart the hands cannot meet.
+#[test]
+fn cell_without_meeting_is_refused() {
+    for command in ["check", "run"] {
+        let out = program()
+            .args([command, "scenarios/face_turn.toml"])
+            .args(["--set", "effector.postument.base_xyz_mm=[0,9000,0]"])
+            .output()
+            .unwrap();
+
+        let told = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{command}: {told}");
+        assert!(told.contains("task \"face_turn\": the cell has no place where both"), "{told}");
+    }
 }
