@@ -41,6 +41,10 @@ pub struct Entry {
     /// Reason why the cube goes back unsolved, if it does.
     #[serde(default)]
     pub undone: Option<String>,
+    /// Number of times that the jaws reported a fallen cube. The plant's file counts the falls of
+    /// the whole mission as well.
+    #[serde(default)]
+    pub drops: u32,
     /// Whether the mission is finished.
     pub over: bool,
 }

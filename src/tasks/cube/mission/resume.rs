@@ -606,6 +606,14 @@ mod tests {
         assert!(!end.achieved && end.reason.contains("do not hold"), "{}", end.reason);
     }
 
+    /// The plant's file counts the falls of the whole mission.
+    #[test]
+    fn noticed_falls_of_earlier_run_count() {
+        let last = Entry { drops: 2, ..lowering() };
+
+        assert_eq!(stage(settings(), &last).robot.log.drops, 2);
+    }
+
     #[test]
     fn offered_cube_pulled_out_counts_as_taken() {
         let mut stage = stage(settings(), &lowering());

@@ -151,6 +151,7 @@ impl Robot {
             belief.taken(hand, hold, half_roll);
         }
         // The cube of a resumed mission, or of a single turn, may have been moved before.
+        let drops = earlier.as_ref().map_or(0, |last| last.drops);
         let fresh = earlier.is_none() && (goal == Goal::Solve || goal == Goal::Acquire);
         Self {
             port,
@@ -188,7 +189,7 @@ impl Robot {
             earlier,
             least_track: None,
             shown: Shown::default(),
-            log: MissionLog::default(),
+            log: MissionLog { drops, ..MissionLog::default() },
             notes: Vec::new(),
         }
     }
@@ -231,6 +232,7 @@ impl Robot {
             stops: self.stops.map(Some),
             handing_back: self.given_back,
             undone: self.failure.as_ref().map(|why| why.chars().take(MOST_LETTERS).collect()),
+            drops: self.log.drops,
             over: doing == Doing::Over,
         })
     }
@@ -485,7 +487,7 @@ mod tests {
     fn journal_entry_holds_state_needed_to_resume() {
         let mut stage = Stage::holding(settings());
         let robot = &mut stage.robot;
-        (robot.given_back, robot.retract_shortfall) = (true, 0.02);
+        (robot.given_back, robot.retract_shortfall, robot.log.drops) = (true, 0.02, 3);
         (robot.taken_at, robot.stops) = (Some([0.5, 0.1, 0.7]), [Depth::Two, Depth::One]);
         robot.hand_over = Some(JointPositions([0.3; 7]));
         robot.failure = Some("a layer is misaligned".to_owned());
@@ -495,6 +497,7 @@ mod tests {
         assert_eq!(entry.held, [Some(Depth::One), None]);
         assert_eq!(entry.hand_over, Some(JointPositions([0.3; 7])));
         assert_eq!((entry.taken_at, entry.short), (Some([0.5, 0.1, 0.7]), 0.02));
+        assert_eq!(entry.drops, 3);
         assert_eq!(entry.stops, [Some(Depth::Two), Some(Depth::One)]);
         assert_eq!(entry.undone.as_deref(), Some("a layer is misaligned"));
         assert!(robot.entry(Doing::Over).is_some_and(|entry| entry.over));
