@@ -16,7 +16,7 @@ use crate::scenario::Scenario;
 
 /// Geometry with which plant and task begin.
 pub(super) struct Plan {
-    /// Meetings of the two arms; `None` unless the cell has two.
+    /// Meetings of the first two arms; `None` for a cell of one.
     pub(super) meetings: Option<MeetingTable>,
     /// Beginning of the plant, if not as the scenario says.
     beginning: Option<Beginning>,
@@ -30,7 +30,7 @@ impl Plan {
     /// If the cell does not allow the beginning of the task.
     pub(super) fn of(scenario: &Scenario) -> Result<Self, Error> {
         let config = &scenario.controller;
-        let meetings = (config.cell.arms.len() == 2)
+        let meetings = (config.cell.arms.len() >= 2)
             .then(|| settings::meetings(config, &ReachSettings::default()));
         let beginning = entry_of(scenario)?.beginning(config, meetings.as_ref());
         let beginning = beginning.map_err(|why| not_created("task", &why))?;

@@ -51,7 +51,7 @@ pub(super) fn storage(logbook: &Logbook) -> Option<Storage> {
 
 /// Assignment of MP.
 pub(super) struct Assignment {
-    /// Meetings of the arms; `None` unless the cell has two.
+    /// Meetings of the first two arms; `None` for a cell of one.
     pub(super) meetings: Option<MeetingTable>,
     /// Journal of the run.
     pub(super) logbook: Logbook,
