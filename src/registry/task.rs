@@ -47,7 +47,7 @@ pub struct Setup<'a, T: Task> {
     pub has_operator: bool,
     /// State in which an interrupted run left the task.
     pub earlier: Earlier<EntryOf<T>>,
-    /// Meetings of the two hands; `None` unless the cell has two arms.
+    /// Meetings of the hands of the first two arms; `None` for a cell of one.
     pub meetings: Option<MeetingTable>,
 }
 
