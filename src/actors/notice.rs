@@ -1,6 +1,7 @@
 //! Notices of the other actors to the operator.
 
 use crate::error::Error;
+use crate::kernel::Remark;
 use crate::motion::PERIOD;
 use crate::operator::{Class, OutcomeView};
 use crate::record::recorder::{Entry, Recorder};
@@ -20,6 +21,18 @@ pub enum Notice {
     Elsewhere(f64, Class, String, String),
     /// The run is over; nothing comes after it.
     Over(OutcomeView),
+}
+
+impl Notice {
+    /// Makes a notice of what the kernel of an actor remarks at `time` (s). The text begins with
+    /// `who`, if that is not empty.
+    pub(super) fn remark(time: f64, who: &str, remark: Remark) -> Self {
+        let named = |text| if who.is_empty() { text } else { format!("{who}: {text}") };
+        match remark {
+            Remark::Note(text) => Self::Note(time, named(text)),
+            Remark::Deviation(text) => Self::Warning(time, named(text)),
+        }
+    }
 }
 
 /// Writes a notice into the recording.

@@ -3,7 +3,8 @@
 //! programme.
 //!
 //! - in: the guard, the synchronised arms, the orders
-//! - out: the obstacle that is too near, or whether the hands are to keep apart; slower orders
+//! - out: the obstacle that is too near, the path that leaves the reach of its arm, or whether the
+//!   hands are to keep apart; slower orders
 //! - thresholds of places and speeds: those of [`crate::reach::guard`]
 
 use super::move_instruction::Manner;
@@ -13,7 +14,7 @@ use crate::generators::Behaviour;
 use crate::generators::legs::{Leg, Legs};
 use crate::generators::own::Forecast;
 use crate::generators::profile::Profile;
-use crate::motion::{ArmState, JointPositions};
+use crate::motion::{ArmState, JointPositions, MoveRefused};
 use crate::reach::guard::{Guard, Near, PlannedMotion};
 use crate::reach::pairs::Pairs;
 use crate::spatial::Pose;
@@ -64,20 +65,65 @@ pub(super) fn forecast(
     Ok(forecast.map(Arc::new))
 }
 
-/// Checks that the ordered motions bring no arm too near an obstacle, and gives more time to those
-/// that are too fast. Returns the pairs whose hands may meet during the motions.
+/// Reason why ordered motions must not begin.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub(super) enum Inadmissible {
+    /// An obstacle, or the other arm.
+    #[error(transparent)]
+    Near(#[from] Near),
+    /// A path of the tool that the arm cannot follow to its end.
+    #[error("the {arm} arm cannot follow its path beyond {:.0} %: {why}", .share * 100.0)]
+    BeyondReach {
+        /// Name of the arm.
+        arm: String,
+        /// Share of the path that the arm can follow, 0..=1.
+        share: f64,
+        /// Limit that ends the path.
+        why: MoveRefused,
+    },
+}
+
+/// Checks that the ordered motions bring no arm too near an obstacle and stay within its reach, and
+/// gives more time to those that are too fast. Returns the pairs whose hands may meet during the
+/// motions.
 ///
 /// # Errors
-/// The obstacle to which an arm would come too near. The orders stay as they were then.
+/// The reason why the motions must not begin. The orders stay as they were then.
 pub(super) fn admit(
     guard: &Guard,
     known: Known<'_>,
     orders: &mut [Option<Behaviour>],
     forecasts: &Forecasts,
-) -> Result<Pairs, Near> {
+) -> Result<Pairs, Inadmissible> {
     let joined = check_paths(guard, known, orders, forecasts)?;
+    check_reach(guard, known, orders, forecasts)?;
     slow_down(guard, known, orders, forecasts);
     Ok(joined)
+}
+
+/// Checks that the arms can follow their ordered paths of the tool to the end.
+///
+/// # Errors
+/// The arm that cannot, and the limit.
+fn check_reach(
+    guard: &Guard,
+    known: Known<'_>,
+    orders: &[Option<Behaviour>],
+    forecasts: &Forecasts,
+) -> Result<(), Inadmissible> {
+    let ways = paths_of(guard, known, orders, forecasts, path);
+    for (i, order) in orders.iter().enumerate().take(MOST_ARMS) {
+        // Other motions end where they touch something, or wherever else their reach ends.
+        let whole = matches!(order, Some(Behaviour::Line { .. } | Behaviour::Own(_)));
+        let Some((name, arm)) = guard.name(i).zip(known.arms[i]).filter(|_| whole) else {
+            continue;
+        };
+        let course = guard.course(i, &arm.desired_joints, &ways[i]);
+        if let Some((share, why)) = course.beyond_reach() {
+            return Err(Inadmissible::BeyondReach { arm: name.to_owned(), share, why });
+        }
+    }
+    Ok(())
 }
 
 /// Checks that the ordered motions bring no arm too near an obstacle. Returns the pairs whose

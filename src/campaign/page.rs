@@ -76,9 +76,10 @@ fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
     let class = if reached && tally.runs() > 0 && tally.is_complete() { "good" } else { "bad" };
     let _ = write!(
         html,
-        "<header><p class=over>rubik-robot &middot; report of a campaign</p><h1>{}</h1>\n\
+        "<header><p class=over>{} &middot; report of a campaign</p><h1>{}</h1>\n\
          <p class=\"verdict {class}\"><b>{} %</b> {} of {} runs solved; the true share lies \
          between {} and {} % (95 % interval, Wilson){}</p>",
+        escaped(tally.header.program_name()),
         escaped(title),
         percent(tally.success()),
         grouped(tally.solved),

@@ -10,6 +10,7 @@ use super::result::{Figures, Mishaps, RunResult, Verdict};
 use super::state::{Header, SEVERAL, State};
 use super::statistics::{Spread, wilson};
 use crate::hw::text::quoted;
+use crate::record::summary::figure_label;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -155,7 +156,7 @@ impl Tally {
             // Three digits of the greatest value, since a figure may be a small share.
             let most = values.iter().map(|(value, _)| value.abs()).fold(0.0, f64::max);
             let digits = (2.0 - most.max(1e-9).log10().floor()).clamp(1.0, 9.0) as usize;
-            Column { words: name.to_owned(), values, decimals: if whole { 0 } else { digits } }
+            Column { words: figure_label(name), values, decimals: if whole { 0 } else { digits } }
         });
         // Earlier builds did not measure every quantity.
         common.chain(of_task).filter(|column| !column.values.is_empty()).collect()

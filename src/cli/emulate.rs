@@ -138,7 +138,7 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
     // This is called once the devices exist: it tells the user how to start the run.
     let announce = |places: &crate::hw::devices::Devices, warnings: &[String]| {
         for warning in warnings {
-            warn(&format!("not real time: {warning}; see rubik-robot doctor"));
+            warn(&format!("not real time: {warning}; see `rubik-robot doctor`"));
         }
         // The fixed arm has no track: the path of that axis is empty.
         let lines: usize =

@@ -62,6 +62,7 @@ mod usage;
 mod vision;
 mod weigh;
 
+use crate::hw::console;
 use crate::hw::image_file;
 use crate::scenario::catalogue::Catalogue;
 use crate::scenario::maker::Maker;
@@ -334,6 +335,7 @@ fn command() -> clap::Command {
 #[must_use]
 pub fn main(catalogue: Catalogue) -> ExitCode {
     catalogue::set(catalogue);
+    console::speak_as(&catalogue::program().program);
     let parsed = command().try_get_matches();
     let parsed = parsed.and_then(|matches| Cli::from_arg_matches(&matches));
     let cli = match parsed {

@@ -240,7 +240,7 @@ impl PreparedRun {
             Some(world) => format!("--world {}", world.display()),
             None => format!("--journal {}", journal.display()),
         };
-        inform(&format!("to go on later: rubik-robot run {scenario} {file} --resume"));
+        inform(&format!("to go on later: `rubik-robot run {scenario} {file} --resume`"));
     }
 
     /// Returns whether the program named the recording.
@@ -350,6 +350,8 @@ impl RunArgs {
     /// that `keeps` files gets names for those that no option names.
     fn prepare(&self, keeps: bool) -> anyhow::Result<PreparedRun> {
         let run = self.prepare_as_given()?;
+        // Only once: meetings that the cell needs take seconds the first time.
+        check_task(&run.scenario).map_err(refuse)?;
         let Some(kept) = keeps.then(KeptRun::begin).flatten() else { return Ok(run) };
         let mut args = run.args;
         // A run in which the operator moves arms by hand ends when he wants, perhaps never.
@@ -363,12 +365,11 @@ impl RunArgs {
         Ok(PreparedRun { kept: Some(Arc::new(kept)), ..prepared })
     }
 
-    /// Reads the scenario, and checks everything that can be refused before a run begins.
+    /// Reads the scenario, and checks it with the options and files.
     fn prepare_as_given(&self) -> anyhow::Result<PreparedRun> {
         let mut scenario = self.scenario.load(&self.overrides()).map_err(refuse)?;
         self.ros.set(&mut scenario.controller.ros)?;
         self.check(&scenario)?;
-        check_task(&scenario).map_err(refuse)?;
         let files = saved_files(&self.keep, scenario.bridge.kind, scenario.controller.task)
             .map_err(refuse)?;
         check_outputs(self, &files)?;

@@ -80,7 +80,7 @@ pub(super) fn list() -> String {
         let name = file.file_stem().unwrap_or_default().to_string_lossy();
         row(&mut text, &name, &scenario::text(file).unwrap_or_default());
     }
-    text + "Run one by its name or by its path:\n  rubik-robot run solve\n"
+    text + "Run one by its name or by its path: `rubik-robot run solve`\n"
 }
 
 /// Returns the scenarios in a folder, sorted by name.

@@ -7,11 +7,11 @@
 //! rules of clap's help: a terminal has them unless `NO_COLOR` is set or `TERM` is `dumb`, and
 //! `CLICOLOR_FORCE` forces them. Only a terminal that obeys `\r` has a live line.
 
-use super::text::{printable, shortened};
+use super::text::{printable, shortened, with_commands_of};
 use anstream::{AutoStream, ColorChoice};
 use std::fmt::Write as _;
 use std::io::{self, IsTerminal as _, Write as _};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// Number of columns of a terminal that does not tell its width.
 const COLUMNS: u16 = 80;
@@ -77,6 +77,24 @@ const HELD: usize = 64 << 10;
 /// Console of this process.
 static CONSOLE: Mutex<Console> = Mutex::new(Console { live: String::new(), held: None });
 
+/// Name of this process's program, if it is not the one of this crate.
+static PROGRAM: OnceLock<String> = OnceLock::new();
+
+/// Gives the program its name. From now on the commands that lines quote are those of this program.
+pub fn speak_as(program: &str) {
+    let _ = PROGRAM.set(program.to_owned());
+}
+
+/// Returns a text for the console: with the commands of this program, and without control
+/// characters.
+fn spoken(text: &str) -> String {
+    let text = match PROGRAM.get() {
+        Some(program) => with_commands_of(program, text),
+        None => text.into(),
+    };
+    printable(&text).into_owned()
+}
+
 /// Writes `text` to stderr between an erased and a newly drawn live line.
 fn write(text: &[u8]) -> io::Result<()> {
     // A thread that panicked while it wrote has left the line in a state that can be drawn.
@@ -98,14 +116,14 @@ fn write(text: &[u8]) -> io::Result<()> {
 /// Prints a line in its tone. Control characters are spelled out. A closed stderr is ignored,
 /// because there is no other place to report it.
 pub fn line(tone: Tone, text: &str) {
-    let text = printable(text);
-    let text = if has_colours() { tone.paint(&text) } else { text.into_owned() };
+    let text = spoken(text);
+    let text = if has_colours() { tone.paint(&text) } else { text };
     let _ = write(format!("{text}\n").as_bytes());
 }
 
 /// Prints a notice that begins with its time, see [`line()`]. All of it is in its tone.
 pub fn timed(tone: Tone, text: &str) {
-    let text = printable(text);
+    let text = spoken(text);
     let colour = tone.colour();
     let text = if has_colours() && !colour.is_empty() {
         format!("{colour}{text}\x1b[0m\n")

@@ -86,6 +86,17 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
+/// Returns a text whose quoted commands of this crate's program, such as `rubik-robot keys`, are
+/// those of `program`.
+#[must_use]
+pub fn with_commands_of<'a>(program: &str, text: &'a str) -> Cow<'a, str> {
+    const OWN: &str = concat!("`", env!("CARGO_PKG_NAME"), " ");
+    if program == env!("CARGO_PKG_NAME") || !text.contains(OWN) {
+        return Cow::Borrowed(text);
+    }
+    Cow::Owned(text.replace(OWN, &format!("`{program} ")))
+}
+
 /// Returns `text` if it fits into `columns` of a terminal, otherwise its beginning and an ellipsis.
 #[must_use]
 pub fn shortened(text: &str, columns: usize) -> Cow<'_, str> {
@@ -285,6 +296,14 @@ mod tests {
         let line = printable("{\"a\":\"\u{9b}\u{7f}\"}").into_owned();
         let read: serde_json::Value = serde_json::from_str(&line).unwrap();
         assert_eq!(read["a"], "\u{9b}\u{7f}");
+    }
+
+    #[test]
+    fn quoted_commands_are_those_of_the_program() {
+        let text = "`rubik-robot keys` lists them; rubik-robot is a name";
+        assert_eq!(with_commands_of("rubik-robot", text), text);
+        let other = with_commands_of("own_cell", text);
+        assert_eq!(other, "`own_cell keys` lists them; rubik-robot is a name");
     }
 
     #[test]

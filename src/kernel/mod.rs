@@ -51,7 +51,7 @@ pub trait Kernel: Send {
 
     /// Returns the messages to the operator since the last call, such as which step is repeated and
     /// why.
-    fn notes(&mut self) -> Vec<String> {
+    fn notes(&mut self) -> Vec<Remark> {
         Vec::new()
     }
 
@@ -109,6 +109,25 @@ pub struct Account {
     pub figures: BTreeMap<String, Value>,
     /// Text files that the task has made, for the run to write at its end.
     pub documents: Vec<Document>,
+}
+
+/// Message of a kernel to the operator.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Remark {
+    /// Something worth knowing.
+    Note(String),
+    /// A deviation: a step that is retried, given up, or started over.
+    Deviation(String),
+}
+
+impl Remark {
+    /// Returns the message.
+    #[must_use]
+    pub fn text(&self) -> &str {
+        match self {
+            Self::Note(text) | Self::Deviation(text) => text,
+        }
+    }
 }
 
 /// Text file that a task makes. A kernel is pure, so the run writes it, and a replay does not.

@@ -18,7 +18,9 @@
 //! - The procedure borrows nothing from outside. All that page, journal or summary show lies behind
 //!   the port, since terminating a run drops the procedure together with its locals.
 
-use super::{Account, Action, Event, Finish, JournalEntry, Kernel, Picture, Readings, Thought};
+use super::{
+    Account, Action, Event, Finish, JournalEntry, Kernel, Picture, Readings, Remark, Thought,
+};
 use crate::motion::ArmState;
 use std::collections::{BTreeMap, VecDeque};
 use std::future::{Future, poll_fn};
@@ -261,7 +263,7 @@ pub trait Shared: Send + 'static {
     fn see(&mut self, readings: &Readings<'_>);
 
     /// Takes the messages to the operator that are not taken yet.
-    fn take_notes(&mut self) -> Vec<String> {
+    fn take_notes(&mut self) -> Vec<Remark> {
         Vec::new()
     }
 
@@ -295,7 +297,7 @@ impl<T: Thought + Unpin, S: Shared> Kernel for Procedure<T, T::Conclusion, S> {
         self.resume(event)
     }
 
-    fn notes(&mut self) -> Vec<String> {
+    fn notes(&mut self) -> Vec<Remark> {
         self.port.state(Shared::take_notes)
     }
 

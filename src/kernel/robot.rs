@@ -20,7 +20,7 @@ use super::procedure::{Port, Procedure, Shared};
 use super::sensor::SensorReadings;
 use super::{
     Account, Action, Adjustment, Document, Event, Finish, Forces, Input, Message, Picture,
-    Programme, Progress, Readings, Signal, Until,
+    Programme, Progress, Readings, Remark, Signal, Until,
 };
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::{ArmState, PERIOD};
@@ -67,7 +67,7 @@ pub struct Board {
     /// Readings of the sensors at the last event.
     sensors: SensorReadings,
     /// Messages to the operator that the shell has not taken yet.
-    notes: Vec<String>,
+    notes: Vec<Remark>,
     /// Facts for the user interfaces, by name.
     facts: BTreeMap<String, Value>,
     /// Figures for the summary, by name.
@@ -90,7 +90,7 @@ impl Shared for Board {
         self.sensors.clone_from(readings.sensors);
     }
 
-    fn take_notes(&mut self) -> Vec<String> {
+    fn take_notes(&mut self) -> Vec<Remark> {
         std::mem::take(&mut self.notes)
     }
 
@@ -183,9 +183,14 @@ impl Robot {
         self.port.state(|board| input.of(&board.arms))
     }
 
-    /// Tells the operator a message.
+    /// Tells the operator something worth knowing.
     pub fn tell(&self, note: impl Into<String>) {
-        self.port.state(|board| board.notes.push(note.into()));
+        self.port.state(|board| board.notes.push(Remark::Note(note.into())));
+    }
+
+    /// Tells the operator a deviation, such as a step that is tried again, and why.
+    pub fn warn(&self, deviation: impl Into<String>) {
+        self.port.state(|board| board.notes.push(Remark::Deviation(deviation.into())));
     }
 
     /// Shows a fact under this name in the user interfaces, from now on.
@@ -315,7 +320,7 @@ impl Robot {
     ) -> Result<Outcome, Hindrance> {
         for _ in 1..tries {
             match self.behave(effector, motion.clone()).await {
-                Err(why) => self.tell(format!("stopped on its way: {why}; it will try again")),
+                Err(why) => self.warn(format!("the motion was stopped: {why}; it begins again")),
                 outcome => return outcome,
             }
             self.pause(AGAIN).await?;
@@ -487,7 +492,7 @@ mod tests {
         let begin = |kernel: &mut RobotKernel| {
             assert!(matches!(next(kernel, 0, Event::Start), Action::Behave { .. }));
             assert_eq!(next(kernel, 0, stopped()), Action::Receive(AGAIN));
-            assert!(kernel.notes()[0].ends_with("it will try again"));
+            assert!(kernel.notes()[0].text().ends_with("it begins again"));
             assert!(matches!(next(kernel, 500, Event::Received(None)), Action::Behave { .. }));
         };
         let tries_twice = || {

@@ -346,9 +346,15 @@ impl Guard {
         self.hold = per_arm(openings, None).map(|opening| opening.is_none_or(is_wide));
     }
 
-    /// Returns the name of an arm.
-    fn name(&self, arm: usize) -> String {
-        self.cell.arms[arm].name.clone()
+    /// Returns the name of an arm; `None` if the cell has no such arm.
+    #[must_use]
+    pub fn name(&self, arm: usize) -> Option<&str> {
+        self.cell.arms.get(arm).map(|arm| arm.name.as_str())
+    }
+
+    /// Returns the name of an arm of the cell, for an error.
+    fn owned_name(&self, arm: usize) -> String {
+        self.name(arm).unwrap_or_default().to_owned()
     }
 
     /// Returns the bodies of an arm at these joint positions, in the world.
@@ -430,7 +436,7 @@ impl Guard {
         });
         // The numbers are those of `Distances::all`.
         let Some((which, distance)) = too_near else { return Ok(()) };
-        let arm = || self.name(which % MOST_ARMS);
+        let arm = || self.owned_name(which % MOST_ARMS);
         Err(match (which / MOST_ARMS, which.checked_sub(OF_ARMS)) {
             (0, _) => Near::Table { arm: arm(), height: distance },
             (1, _) => Near::Own { arm: arm(), distance },
@@ -448,7 +454,7 @@ impl Guard {
         if self.cell.arms.len() < 3 {
             return String::new();
         }
-        format!("{word} {} and {}", self.name(first), self.name(second))
+        format!("{word} {} and {}", self.owned_name(first), self.owned_name(second))
     }
 
     /// Checks whether the arms may take the paths `ways` from the joint positions `from`. All arms
@@ -601,7 +607,7 @@ impl Guard {
         let Some(allowed) = self.hand_speed.filter(|_| seconds > 0.0) else { return Ok(()) };
         match self.near_hand(&self.bodies(arm, from), &self.bodies(arm, to)) {
             Some(way) if way > 1.2 * allowed * seconds => {
-                Err(Near::TooFast { arm: self.name(arm), speed: way / seconds })
+                Err(Near::TooFast { arm: self.owned_name(arm), speed: way / seconds })
             }
             _ => Ok(()),
         }
@@ -709,10 +715,7 @@ impl Course<'_> {
             PlannedMotion::Stays => self.from,
             PlannedMotion::Joints(to) => self.from.towards(to, part),
             PlannedMotion::Legs(legs) => legs.at(&self.from, part),
-            PlannedMotion::Line(to) => self.joints_of(&Pose::from_parts(
-                self.tool.translation.vector.lerp(&to.translation.vector, part).into(),
-                self.tool.rotation.slerp(&to.rotation, part),
-            )),
+            PlannedMotion::Line(to) => self.joints_of(&self.on_line(to, part)),
             PlannedMotion::Forecast(course) => match course.at(part) {
                 Some(Forecasted::Joints(joints)) => joints,
                 Some(Forecasted::Pose(tool)) => self.joints_of(&tool),
@@ -722,12 +725,51 @@ impl Course<'_> {
         self.last
     }
 
+    /// Returns the joint positions for a `base_from_tool`; out of reach, the last ones.
+    fn joints_of(&self, tool: &Pose) -> JointPositions {
+        self.inverse(tool).unwrap_or(self.last)
+    }
+
     /// Returns the joint positions for a `base_from_tool`. The solution nearest to the last place
     /// stays on its branch, as the servo does.
-    fn joints_of(&self, tool: &Pose) -> JointPositions {
+    fn inverse(&self, tool: &Pose) -> Result<JointPositions, MoveRefused> {
         let arm = &self.guard.cell.arms[self.arm];
-        let flange = tool * arm.flange_from_tool.inverse();
-        arm.model.inverse(&flange, &self.last).unwrap_or(self.last)
+        arm.model.inverse(&(tool * arm.flange_from_tool.inverse()), &self.last)
+    }
+
+    /// Returns the share of the path that the arm can follow, 0..1, and the limit that ends it;
+    /// `None` if it can follow all of it, or the path is not one of the tool.
+    #[must_use]
+    pub fn beyond_reach(mut self) -> Option<(f64, MoveRefused)> {
+        let share = |moment: u32| f64::from(moment) / f64::from(MOMENTS);
+        (1..=MOMENTS).find_map(|moment| match self.inverse(&self.tool_at(share(moment))?) {
+            Ok(joints) => {
+                self.last = joints;
+                None
+            }
+            Err(why) => Some((share(moment - 1), why)),
+        })
+    }
+
+    /// Returns the `base_from_tool` after the share `part` of a path of the tool; `None` for a path
+    /// in joints.
+    fn tool_at(&self, part: f64) -> Option<Pose> {
+        match &self.way {
+            PlannedMotion::Line(to) => Some(self.on_line(to, part)),
+            PlannedMotion::Forecast(course) => match course.at(part)? {
+                Forecasted::Pose(tool) => Some(tool),
+                Forecasted::Joints(_) => None,
+            },
+            PlannedMotion::Stays | PlannedMotion::Joints(_) | PlannedMotion::Legs(_) => None,
+        }
+    }
+
+    /// Returns the `base_from_tool` after the share `part` of the line to `to`.
+    fn on_line(&self, to: &Pose, part: f64) -> Pose {
+        Pose::from_parts(
+            self.tool.translation.vector.lerp(&to.translation.vector, part).into(),
+            self.tool.rotation.slerp(&to.rotation, part),
+        )
     }
 }
 

@@ -662,6 +662,15 @@ pub struct Label {
 }
 
 impl Label {
+    /// Returns the name of the program that made the recording.
+    #[must_use]
+    pub fn program(&self) -> &str {
+        match self.fact("program") {
+            "" => env!("CARGO_PKG_NAME"),
+            name => name,
+        }
+    }
+
     /// Returns a fact about the run that is recorded at its beginning, such as "seed"; an empty
     /// text if there is none of this name.
     #[must_use]

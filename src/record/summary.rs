@@ -477,7 +477,7 @@ impl Summary {
             row("layer turned by", format!("{angle:.1} deg"));
         }
         for (name, figure) in &self.figures {
-            row(&name.replace('_', " "), figure_text(figure));
+            row(&figure_label(name), figure_text(figure));
         }
         let clock = format!("{:.1} ({:.1} s)", self.real_time_factor(), self.wall_time_s);
         row("real-time factor", clock);
@@ -525,8 +525,37 @@ fn factor(sim_time_s: f64, wall_time_s: f64) -> f64 {
     if wall_time_s > 0.0 { sim_time_s / wall_time_s } else { 0.0 }
 }
 
+/// Ends of the names of figures that stand for a unit, and the unit. A longer end comes first.
+const UNITS: [(&str, &str); 14] = [
+    ("_mm_s", "mm/s"),
+    ("_deg_s", "deg/s"),
+    ("_rad_s", "rad/s"),
+    ("_percent", "%"),
+    ("_deg", "deg"),
+    ("_rad", "rad"),
+    ("_mm", "mm"),
+    ("_ms", "ms"),
+    ("_kg", "kg"),
+    ("_hz", "Hz"),
+    ("_nm", "Nm"),
+    ("_m", "m"),
+    ("_n", "N"),
+    ("_s", "s"),
+];
+
+/// Returns the name of a figure for people: words, and the unit in brackets.
+#[must_use]
+pub fn figure_label(name: &str) -> String {
+    let unit = UNITS.iter().find_map(|(end, unit)| Some((name.strip_suffix(end)?, unit)));
+    match unit {
+        Some((name, unit)) => format!("{} [{unit}]", name.replace('_', " ")),
+        None => name.replace('_', " "),
+    }
+}
+
 /// Returns a figure of a task as text: a number with five digits, a text without quotes.
-fn figure_text(figure: &Value) -> String {
+#[must_use]
+pub fn figure_text(figure: &Value) -> String {
     match figure {
         Value::Number(number) if number.is_f64() => {
             let number = number.as_f64().unwrap_or(f64::NAN);
@@ -652,6 +681,14 @@ mod tests {
     }
 
     #[test]
+    fn unit_of_figure_is_in_brackets() {
+        let labels = ["gap_mm", "speed_mm_s", "p99_n", "m", "wave_number", "open_percent"];
+        let labels = labels.map(figure_label);
+        assert_eq!(labels[..3], ["gap [mm]", "speed [mm/s]", "p99 [N]"]);
+        assert_eq!(labels[3..], ["m", "wave number", "open [%]"]);
+    }
+
+    #[test]
     fn figures_of_task_replace_rows_of_cube() {
         let mut s = Summary { identified: None, turns: 0, grasps: 0, ..summary() };
         assert!(s.table().contains("cube at start") && !s.json().contains("figures"));
@@ -659,7 +696,7 @@ mod tests {
         s.figures.insert("hand_overs".into(), 3.into());
 
         let table = s.table();
-        assert!(table.contains("force error n          0.12346\n"), "{table}");
+        assert!(table.contains("force error [N]        0.12346\n"), "{table}");
         assert!(table.contains("hand overs             3\n"), "{table}");
         assert!(!table.contains("cube at") && !table.contains("grasps"), "{table}");
         assert!(s.json().contains("\"figures\":{\"force_error_n\":0.1234567,\"hand_overs\":3}"));

@@ -15,7 +15,8 @@ use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// Judge of a task in one run. It sees the plant and no belief of the controller.
+/// Judge of a task in one run. It sees the plant, and of the controller nothing but the result that
+/// the task has reported.
 pub trait Verdict: Default + Send + 'static {
     /// The task.
     type Task: Task;
@@ -68,6 +69,9 @@ pub struct Truth {
     pub verdict: plant::Verdict,
     /// Number of jammed turns.
     pub jams: u32,
+    /// Figures that the task has reported, by name: what it claims. A judge of a measurement
+    /// compares them with the plant.
+    pub reported: BTreeMap<String, Value>,
     /// Text files that the task has made. They are its result, as the plant's state is.
     pub documents: Vec<Document>,
     /// Plant before the first period.

@@ -19,7 +19,7 @@ use super::recording;
 use super::servos::{
     self, BetweenPeriods, Drive, Links, Observer, Servos, SharedJudge, start_servos,
 };
-use super::simulation::PlantEventLog;
+use super::simulation::FaultNotices;
 use super::staff::{Staff, home, start_actors, start_drivers, supervise};
 use super::task::{Assignment, entry_of, run_task};
 use super::witness::Witness;
@@ -37,7 +37,7 @@ use crate::error::{Error, NonFatal};
 use crate::hw::driver::{Switches, Timing};
 use crate::hw::plant::Verdict;
 use crate::hw::scene::{Scene, SceneArm};
-use crate::kernel::Document;
+use crate::kernel::Account;
 use crate::motion::PERIOD;
 use crate::record::last_second::LastSecond;
 use crate::record::playback::Playback;
@@ -104,13 +104,10 @@ impl Beginning {
     }
 
     /// Returns the facts of the plant at the end of a run: these from its beginning, the plant's
-    /// verdict and scene at the end, the number of jams and the task's files; `None` for hardware.
-    fn truth(
-        self,
-        end: Option<(Verdict, Scene)>,
-        jams: u32,
-        documents: Vec<Document>,
-    ) -> Option<Truth> {
+    /// verdict and scene at the end, the number of jams, and figures and files of the task; `None`
+    /// for hardware.
+    fn truth(self, end: Option<(Verdict, Scene)>, jams: u32, account: Account) -> Option<Truth> {
+        let Account { figures: reported, documents, .. } = account;
         let Self { start, clearance, bounds, scene } = self;
         let (verdict, scene_at_end) = end?;
         let (start, scene_at_start) = (start?, scene?);
@@ -120,6 +117,7 @@ impl Beginning {
             bounds,
             verdict,
             jams,
+            reported,
             documents,
             scene_at_start,
             scene_at_end,
@@ -225,7 +223,7 @@ impl Composition<'_> {
         if performed.ending.error.is_some() {
             performed.kernel.look_back(&staff.arms());
         }
-        let truth = beginning.truth(end, jams.count(), performed.kernel.account().documents);
+        let truth = beginning.truth(end, jams.count(), performed.kernel.account());
         let hash = self.operator.trace.hash();
         let judgement = truth.as_ref().map(|truth| judged(&judge, scenario, truth));
         let judgement = judgement.transpose()?.flatten();
@@ -291,7 +289,7 @@ impl Composition<'_> {
         let links = Links::create(config, here, length)?;
         let trace = operator.trace.clone();
         let recorder = trace.recorder();
-        let events = PlantEventLog::new(scenario, recorder.clone());
+        let events = FaultNotices::new(scenario, trace.clone());
         let between = BetweenPeriods {
             observer: Observer::new(
                 Arc::clone(&jams.witness),

@@ -135,8 +135,7 @@ pub fn run_with(
         Ok(done) => {
             // Time in which the run was paused or held back does not count as the run's.
             let worked = tempo.working_time().saturating_duration_since(begun).as_secs_f64();
-            let (seed, period) = (scenario.seed, scenario.real_time.period);
-            let mut summary = outcome::summary(&scenario.controller, seed, period, &done, worked);
+            let mut summary = outcome::summary(scenario, &done, worked);
             // A signal acts as the operator's terminate, so the summary cannot tell them apart.
             if summary.ended_by == EndedBy::Operator && interrupt.is_some_and(|i| i.came()) {
                 summary.ended_by = EndedBy::Interrupt;

@@ -11,7 +11,7 @@ use super::measured_peaks::MeasuredPeaks;
 use super::peers::identity;
 use super::recording;
 use super::servos::{self, BetweenPeriods, Drive, Links, Observer, Servos, start_servos};
-use super::simulation::PlantEventLog;
+use super::simulation::FaultNotices;
 use super::staff::camera_vsp;
 use super::witness::Witness;
 use super::world::{Sources, World};
@@ -283,7 +283,7 @@ impl Parts<'_> {
         let here = config.network.servos_of(Some(&self.node.name), config.cell.arms.len());
         let recorder = trace.recorder().clone();
         let witness = Witness::new(Turning::default(), control.subscribe());
-        let events = PlantEventLog::new(scenario, recorder.clone());
+        let events = FaultNotices::new(scenario, trace.clone());
         let observer = Observer::new(Arc::new(Mutex::new(witness)), recorder, events, None, length);
         let parts = servos::Parts {
             links: Links::create(config, here, length)?,

@@ -21,6 +21,7 @@ use crate::cell::MOST_ARMS;
 use crate::error::{Error, NonFatal};
 use crate::hw::plant::verdict::{self, Event};
 use crate::hw::plant::{self, Incident, Verdict};
+use crate::hw::text::with_commands_of;
 use crate::operator::{OutcomeView, run_remedy};
 use crate::record::summary::{
     Accident, EndedBy, Exertion, LinkUse, Outcome, Phase, SensorPeak, Summary, Violations,
@@ -83,24 +84,24 @@ fn without_account(scenario: &Scenario, error: &Error, cube: Option<&str>) -> Su
     };
     let (task, reason) = (scenario.controller.task.word(), error.cause());
     let summary = Summary::not_started(task, scenario.seed, cube, &reason, ended_by);
-    let remedy = run_remedy(error).map(str::to_owned);
+    let program = &scenario.task.program().program;
+    let remedy = run_remedy(error).map(|text| with_commands_of(program, text).into_owned());
     let detected_by = Some(error.detected_by());
     Summary { fault: Some(error.code()), detected_by, remedy, ..summary }
 }
 
-/// Returns the summary of a run; `period` is the length of a servo period (s).
-pub(super) fn summary(
-    config: &ControllerConfig,
-    seed: u64,
-    period: f64,
-    done: &Done,
-    wall_time_s: f64,
-) -> Summary {
+/// Returns the summary of a run that took `wall_time_s` by the wall clock.
+pub(super) fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Summary {
+    let (config, seed) = (&scenario.controller, scenario.seed);
+    // Length of a servo period (s).
+    let period = scenario.real_time.period;
+    let program = &scenario.task.program().program;
     let truth = done.truth.as_ref();
     let verdict = truth.map(|truth| &truth.verdict);
     let Performed { ending, ended, .. } = &done.performed;
     let account = Figures(done.performed.kernel.account().figures);
     let end = truth.map(Truth::end);
+    let of_program = |remedy: &str| with_commands_of(program, remedy).into_owned();
     // Everything that only the plant knows stays `None` for hardware.
     let judged = |name: &str| done.judgement.as_ref()?.figures.get(name)?.as_f64();
     let (outcome, reason, ended_by) = verdict_of(done);
@@ -111,7 +112,7 @@ pub(super) fn summary(
         ended_by,
         fault: ending.error.as_ref().map(Error::code),
         detected_by: ending.error.as_ref().map(Error::detected_by),
-        remedy: ending.error.as_ref().and_then(run_remedy).map(str::to_owned),
+        remedy: ending.error.as_ref().and_then(run_remedy).map(of_program),
         untrue: outcome == Outcome::Failed && ending.finish.as_ref().is_some_and(|f| f.achieved),
         last_second: None,
         task: config.task.word().to_owned(),
@@ -147,7 +148,7 @@ pub(super) fn summary(
         late_drops: verdict.map(|v| late_drops(v, ending, period)),
         violations: counts.map(|c| violations(&c.violations)),
         accidents: verdict.map(|v| accidents(v, config, period)),
-        turned_deg: judged("turned_deg"),
+        turned_deg: judged("layer_turned_deg"),
         figures: figures(done, &account),
         phases: phases(ending, *ended),
         hash: done.hash.clone(),
@@ -249,7 +250,7 @@ const OWN_KEYS: [&str; 9] = [
     "grasps",
     "recoveries",
     "drops_noticed",
-    "turned_deg",
+    "layer_turned_deg",
 ];
 
 /// Returns the figures of the task that have no key of their own; those of the plant count more

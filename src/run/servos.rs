@@ -7,7 +7,7 @@ use super::failure::not_created;
 use super::gate::Gate;
 use super::measured_peaks::MeasuredPeaks;
 use super::options::PlantProbe;
-use super::simulation::PlantEventLog;
+use super::simulation::FaultNotices;
 use super::witness::Witness;
 use super::world::World;
 use super::{recording, settings};
@@ -61,7 +61,7 @@ impl Drive<'_> {
 pub(super) struct Observer {
     witness: Arc<Mutex<Witness>>,
     recorder: Recorder,
-    events: PlantEventLog,
+    events: FaultNotices,
     /// Judge of the task, if it has one.
     judge: SharedJudge,
     length: Length,
@@ -78,7 +78,7 @@ impl Observer {
     pub(super) fn new(
         witness: Arc<Mutex<Witness>>,
         recorder: Recorder,
-        events: PlantEventLog,
+        events: FaultNotices,
         judge: SharedJudge,
         length: Length,
     ) -> Self {

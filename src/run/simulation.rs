@@ -8,6 +8,8 @@
 
 use super::disturbance::{Actor, Disturbance};
 
+use crate::actors::notice::Notice;
+use crate::actors::trace::Trace;
 use crate::cell::Cell;
 use crate::cube::Keeper;
 use crate::hw::emulator::{LineFaults, Wired};
@@ -22,10 +24,9 @@ use crate::hw::plant::{
 use crate::hw::serial::axis::Rules;
 use crate::hw::storage::StorageFault;
 use crate::kernel::Input;
-use crate::motion::JointPositions;
+use crate::motion::{JointPositions, PERIOD};
 use crate::operator::Class;
 use crate::reach::{Meeting, MeetingTable, meeting_place};
-use crate::record::recorder::{Entry, Recorder};
 use crate::registry::{Beginning, DeviceFault};
 use crate::scenario::injected::{FaultActor, FaultEvent, FaultKeys, FaultKind};
 use crate::scenario::objects::{ObjectKeys, ObjectKind};
@@ -372,25 +373,24 @@ fn fault_words(scenario: &Scenario) -> Vec<String> {
     words.collect()
 }
 
-/// Writer of the injected faults that have begun, for the recording alone: no part of the run sees
-/// it.
-pub(super) struct PlantEventLog {
-    /// Name of each fault, replaced by an empty text once it is written. The list is empty if
-    /// nothing is recorded.
+/// Notices of the injected faults that have begun, for the operator and the recording: no part of
+/// the controller sees them.
+pub(super) struct FaultNotices {
+    /// Name of each fault, replaced by an empty text once its notice is sent.
     words: Vec<String>,
     /// Number of faults that had begun at the last look.
     reported: usize,
-    recorder: Recorder,
+    trace: Trace,
 }
 
-impl PlantEventLog {
-    /// Makes a writer of the scenario's faults.
-    pub(super) fn new(scenario: &Scenario, recorder: Recorder) -> Self {
-        let words = if recorder.is_on() { fault_words(scenario) } else { Vec::new() };
-        Self { words, reported: 0, recorder }
+impl FaultNotices {
+    /// Makes the notices of the scenario's faults.
+    pub(super) fn new(scenario: &Scenario, trace: Trace) -> Self {
+        Self { words: fault_words(scenario), reported: 0, trace }
     }
 
-    /// Records the faults that have begun since the last call; `tick` is a period of 2 ms.
+    /// Sends the notices of the faults that have begun since the last call; `tick` is a period of
+    /// 2 ms.
     pub(super) fn look(&mut self, tick: u64, plant: Option<&Plant>) {
         let (Some(plant), false) = (plant, self.words.is_empty()) else { return };
         let begun = plant.begun_faults().count();
@@ -400,8 +400,8 @@ impl PlantEventLog {
         for index in plant.begun_faults() {
             let word = self.words.get_mut(index).map(std::mem::take).unwrap_or_default();
             if !word.is_empty() {
-                let text = format!("injected fault: {word}");
-                self.recorder.record(tick, || Entry::Log(Class::Warning, "plant".to_owned(), text));
+                let (time, text) = (tick as f64 * PERIOD, format!("injected fault: {word}"));
+                self.trace.tell(Notice::Elsewhere(time, Class::Warning, "plant".to_owned(), text));
             }
         }
     }

@@ -299,6 +299,10 @@ pub(super) struct Parts<'a> {
 /// Checks an injected fault: its keys against its kind, and the names of `parts` in it. `path` is
 /// its dotted name.
 pub(super) fn check(fault: &FaultKeys, path: &str, parts: Parts<'_>, reader: &mut Reader) {
+    // A key whose value could not be read has its fault already. It must not count as missing too.
+    if unread(fault).iter().any(|key| reader.is_given(&format!("{path}.{key}"))) {
+        return;
+    }
     // The rules below depend on the kind, so none of them applies without it.
     let Some(kind) = fault.kind else {
         reader.fault(path, format!("`{path}.kind` is missing"));
@@ -318,6 +322,28 @@ pub(super) fn check(fault: &FaultKeys, path: &str, parts: Parts<'_>, reader: &mu
     for (key, reason) in check.wrong {
         reader.fault(&format!("{path}.{key}"), format!("`{path}.{key}`: {reason}"));
     }
+}
+
+/// Returns the keys without a value: they are not given, or their value could not be read.
+fn unread(fault: &FaultKeys) -> Vec<&'static str> {
+    let keys = [
+        ("kind", fault.kind.is_none()),
+        ("at_s", fault.at.is_none()),
+        ("event", fault.event.is_none()),
+        ("event_arm", fault.event_arm.is_none()),
+        ("duration_s", fault.duration.is_none()),
+        ("magnitude", fault.magnitude.is_none()),
+        ("arm", fault.arm.is_none()),
+        ("axis", fault.axis.is_none()),
+        ("camera", fault.camera.is_none()),
+        ("sensor", fault.sensor.is_none()),
+        ("actor", fault.actor.is_none()),
+        ("node", fault.node.is_none()),
+        ("input", fault.input.is_none()),
+        ("sticker", fault.sticker.is_none()),
+        ("colour", fault.colour.is_none()),
+    ];
+    keys.into_iter().filter(|(_, none)| *none).map(|(key, _)| key).collect()
 }
 
 /// State of the check of a fault.
@@ -534,6 +560,10 @@ mod tests {
         assert!(both.contains("set only one"), "{both}");
         assert!(faults("kind = \"drops\"\nat_s = 1").contains("did you mean \"drop\"?"));
         assert!(faults("at_s = 1").contains("kind` is missing"));
+        // A value that cannot be read is told once, and does not count as missing too.
+        let unread = faults("kind = \"drop\"\narm = \"track\"\nevent = \"touched\"");
+        assert!(unread.contains("\"touched\" is not a possible value"), "{unread}");
+        assert!(!unread.contains("needs at_s") && unread.starts_with("f.toml:5:"), "{unread}");
         let range = faults("kind = \"slip\"\narm = \"track\"\nat_s = 1\nmagnitude = 3");
         assert!(range.contains("f.toml:6:13") && range.contains("outside 0..1"), "{range}");
         let whose = faults("kind = \"actor_panic\"\nactor = \"ecp\"\nat_s = 1");

@@ -141,7 +141,11 @@ const TURNED: f64 = 0.8;
 /// Largest turn of a tool from its first pose at the end (rad).
 const BACK_TURNED: f64 = 0.01;
 
-/// Judge of the task: each tool must have turned, and be back.
+/// Largest error of the distance that the task reports (mm).
+const MEASURED_WITHIN: f64 = 2.0;
+
+/// Judge of the task: each tool must have turned, and be back, and the distance of the hands must
+/// be the one that the task has measured.
 #[derive(Default)]
 pub struct BackAgain {
     /// First pose of each tool, and its greatest turn from there (rad).
@@ -172,9 +176,14 @@ impl Verdict for BackAgain {
         let waved = !self.tools.is_empty() && least > TURNED * keys.swing;
         let ends: Vec<_> = truth.tools().iter().map(|(_, to)| to.translation.vector).collect();
         let gap = if let [first, second] = ends[..] { (second - first).norm() } else { 0.0 };
+        let told = truth.reported.get("gap_mm").and_then(|gap| gap.as_f64());
+        let measured = told.is_some_and(|told| (told - gap * 1e3).abs() < MEASURED_WITHIN);
         let (turned, mm) = (least.to_degrees(), farthest * 1e3);
-        let words = format!("each tool turned by {turned:.1} deg; {mm:.1} mm from its place");
-        Judgement::new(waved && back, words)
+        let words = format!(
+            "each tool turned by {turned:.1} deg; {mm:.1} mm from its place; gap of {:.1} mm",
+            gap * 1e3
+        );
+        Judgement::new(waved && back && measured, words)
             .with("turned_deg", turned)
             .with("farthest_mm", farthest * 1e3)
             .with("true_gap_mm", gap * 1e3)

@@ -46,6 +46,16 @@ fn waves_beyond_wrist_limits_fail_with_reason() {
     assert_ne!(summary["reason"], "", "{summary}");
 }
 
+/// The device tells distances in steps of 0.1 m, so the task reports a wrong one.
+#[test]
+fn wrong_measurement_does_not_pass_for_right_one() {
+    let summary = summary("gap.step_mm=100");
+
+    let figure = |name: &str| summary["figures"][name].as_f64().unwrap();
+    assert!((figure("gap_mm") - figure("true_gap_mm")).abs() > 3.0, "{summary}");
+    assert_eq!(summary["outcome"], "failed", "{summary}");
+}
+
 /// The recorded readings replace the device, so that the verification finds the same run.
 #[test]
 fn recorded_sensor_verifies_and_missing_reading_fails() {

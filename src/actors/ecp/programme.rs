@@ -91,8 +91,7 @@ impl Ecp {
             let action = kernel.next(event, &readings);
             self.parts.services.trace.message("kernel", &self.name, &action);
             for note in kernel.notes() {
-                let told = Notice::Warning(self.now(), format!("{}: {note}", self.name));
-                self.parts.services.trace.tell(told);
+                self.parts.services.trace.tell(Notice::remark(self.now(), &self.name, note));
             }
             event = match action {
                 Action::Finish(finish) => return Ok(finish),

@@ -105,7 +105,7 @@ impl Surroundings {
         (orders[effector], forecasts[effector]) = (Some(order.clone()), forecast);
         let guard = ways::present(&self.guard, known.arms).by_hand();
         ways::admit(&guard, known, &mut orders, &forecasts)
-            .map_err(|near| NonFatal::Arguments(near.to_string()))?;
+            .map_err(|why| NonFatal::Arguments(why.to_string()))?;
         if let Some(admitted) = orders[effector].take() {
             *order = admitted;
         }
@@ -206,6 +206,24 @@ mod tests {
         let Behaviour::Line { target, speed } = lower(0.6) else { panic!() };
         let deep = Behaviour::Line { target: target * tool_from_point, speed };
         assert!(admitted(deep, (at, Some(raised)), other).is_err());
+    }
+
+    /// The tool goes up by 3 m: the arm would stop at a limit, where a task has no more use for it.
+    #[test]
+    fn line_out_of_reach_does_not_begin() {
+        let (meeting, along) = meeting();
+        let (at, other) = (along(-0.4), standing(meeting.postument));
+        let stands = standing(at).desired_base_from_tool;
+        let up = |by: f64| {
+            let target = Pose::translation(0.0, 0.0, by) * stands;
+            admitted(Behaviour::Line { target, speed: 1.0 }, (at, None), other)
+        };
+
+        let refused = up(3.0).unwrap_err();
+        assert!(refused.starts_with("the track arm cannot follow its path beyond "), "{refused}");
+        assert!(refused.contains(" %: "), "{refused}");
+        let Behaviour::Line { target, .. } = up(0.02).unwrap() else { panic!() };
+        assert_eq!(target, Pose::translation(0.0, 0.0, 0.02) * stands);
     }
 
     #[test]

@@ -30,7 +30,7 @@ use super::services::Services;
 use super::tuning::Tuning;
 use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision, Watchdog};
-use super::ways::{self, Known};
+use super::ways::{self, Inadmissible, Known};
 use super::work::SEARCH;
 use crate::cell::{MOST_ARMS, PerArm};
 use crate::error::{Error, Fatal, NonFatal, System};
@@ -41,7 +41,7 @@ use crate::kernel::{
 };
 use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::operator::Input;
-use crate::reach::guard::{Guard, Near};
+use crate::reach::guard::Guard;
 use crate::reach::pairs::Pairs;
 use crate::record::journal::Journal;
 use crate::spatial::Pose;
@@ -239,13 +239,13 @@ impl Mp {
         Some(ways::present(self.parts.guard.as_ref()?, self.known()))
     }
 
-    /// Checks the ordered paths against the believed cell, and slows down those that are too fast
-    /// near the operator's hand.
+    /// Checks the ordered paths against the believed cell and the reach of the arms, and slows down
+    /// those that are too fast near the operator's hand.
     fn guard_orders(
         &self,
         orders: &mut [Option<Behaviour>],
         forecasts: &ways::Forecasts,
-    ) -> Result<(), Near> {
+    ) -> Result<(), Inadmissible> {
         let Some(guard) = self.guard() else { return Ok(()) };
         let known = Known {
             arms: self.known(),
@@ -359,7 +359,7 @@ impl Mp {
         }
         self.heartbeat.works();
         for note in task.notes() {
-            self.tell(Notice::Warning(self.now(), note));
+            self.tell(Notice::remark(self.now(), "", note));
         }
         let Services { trace, clock, .. } = &self.parts.services;
         trace.believes(clock.period(), doing(&action), || task.picture());
@@ -465,8 +465,8 @@ impl Mp {
             Ok(forecasts) => forecasts,
             Err(error) => return self.error_event(error).await,
         };
-        if let Err(near) = self.guard_orders(&mut orders, &forecasts) {
-            let cause = NonFatal::Arguments(near.to_string());
+        if let Err(why) = self.guard_orders(&mut orders, &forecasts) {
+            let cause = NonFatal::Arguments(why.to_string());
             let error = Error::NonFatal { actor: "mp".into(), place: "check a path".into(), cause };
             // A refused path is no fault: the kernel may choose another one.
             return self.error_event(error).await;
@@ -717,7 +717,7 @@ mod tests {
     use crate::kernel::Message;
     use crate::kernel::programme::Programmes;
     use crate::motion::JointPositions;
-    use crate::reach::guard::PlannedMotion;
+    use crate::reach::guard::{Near, PlannedMotion};
     use crate::reach::pairs::Pairs;
     use crate::reach::{MeetingTable, ReachSettings, example_cell};
     use crate::record::run_hash::RunHash;
@@ -778,7 +778,7 @@ mod tests {
 
         assert!(matches!(
             through(Synchronisation::Yes),
-            Err(Near::Arms { .. } | Near::Hands { .. })
+            Err(Inadmissible::Near(Near::Arms { .. } | Near::Hands { .. }))
         ));
         assert_eq!(through(Synchronisation::No), Ok(()));
     }
@@ -914,7 +914,7 @@ mod tests {
         let mut into = [Some(through(vec![along(0.3), along(-0.3)])), None];
         let forecasts = mp.forecasts(&into).unwrap();
         let refused = mp.guard_orders(&mut into, &forecasts);
-        assert!(matches!(refused, Err(Near::Arms { .. } | Near::Hands { .. })), "{refused:?}");
+        assert!(matches!(refused, Err(Inadmissible::Near(_))), "{refused:?}");
 
         // Past the operator the motion gets more time.
         let past = |d0: f64| JointPositions([d0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
@@ -992,7 +992,7 @@ mod tests {
             // The first place on the path to the other hand at which a cube is an obstacle.
             let mut beside = (1..40).map(|i| -0.4 + 0.01 * f64::from(i));
             let Some(by) = beside.find(|by| goes(*by, edge).is_err()) else { continue };
-            if matches!(goes(by, edge), Err(Near::Hands { .. })) {
+            if matches!(goes(by, edge), Err(Inadmissible::Near(Near::Hands { .. }))) {
                 tried += usize::from(goes(by, 0.0).is_ok());
             }
         }

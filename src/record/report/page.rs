@@ -9,7 +9,7 @@ use super::story::{ArmStory, BIN, Shot, Story};
 use super::svg::{self, Curve, Row};
 use crate::operator::Class;
 use crate::record::reading::End;
-use crate::record::summary::{Outcome, Summary};
+use crate::record::summary::{Outcome, Summary, figure_label, figure_text};
 use std::fmt::Write;
 
 /// Returns the report of a run as an HTML page.
@@ -48,8 +48,9 @@ fn head(html: &mut String, story: &Story, title: &str) {
     let (class, word, reason) = verdict(story);
     let _ = write!(
         html,
-        "<header><p class=over>rubik-robot &middot; report of a run</p><h1>{}</h1>\n\
+        "<header><p class=over>{} &middot; report of a run</p><h1>{}</h1>\n\
          <p class=\"verdict {class}\"><b>{word}</b> {}</p>",
+        escaped(story.label.program()),
         escaped(title),
         escaped(&capital(&reason))
     );
@@ -119,7 +120,7 @@ fn cubes(html: &mut String, story: &Story) {
 fn facts(html: &mut String, summary: &Summary) {
     html.push_str("<dl class=facts>");
     let mut fact = |name: &str, value: String| {
-        let _ = write!(html, "<div><dt>{name}</dt><dd>{}</dd></div>", escaped(&value));
+        let _ = write!(html, "<div><dt>{}</dt><dd>{}</dd></div>", escaped(name), escaped(&value));
     };
     fact("time", format!("{:.1} s", summary.sim_time_s));
     if summary.turns > 0 {
@@ -137,6 +138,9 @@ fn facts(html: &mut String, summary: &Summary) {
     }
     if let Some(angle) = summary.turned_deg {
         fact("layer turned by", format!("{angle:.1}\u{b0}"));
+    }
+    for (name, figure) in &summary.figures {
+        fact(&figure_label(name), figure_text(figure));
     }
     html.push_str("</dl>");
 }
@@ -553,7 +557,8 @@ fn origin(html: &mut String, story: &Story) {
     row(
         "program",
         &format!(
-            "rubik-robot {}, build {}, {}",
+            "{} {}, build {}, {}",
+            label.program(),
             label.fact("version"),
             label.fact("build"),
             label.fact("platform")
@@ -621,6 +626,7 @@ fn base64(bytes: &[u8]) -> String {
 mod tests {
     use super::super::story::Step;
     use super::*;
+    use crate::record::summary::EndedBy;
 
     #[test]
     fn base64_encodes_and_pads() {
@@ -679,6 +685,19 @@ mod tests {
         assert!(html.contains("<td>turn R") && html.contains("<td>turn U"), "{html}");
         assert!(html.contains("<th class=how>why") && html.contains("<th class=how>how"));
         assert!(!STYLE.contains("}.how{display:none}"));
+    }
+
+    #[test]
+    fn report_has_figures_of_task_with_units() {
+        let mut summary = Summary::not_started("press", 1, None, "why", EndedBy::Task);
+        summary.figures.insert("pressed_n".to_owned(), 6.25.into());
+        summary.figures.insert("<b>".to_owned(), "<i>".into());
+        let mut html = String::new();
+
+        facts(&mut html, &summary);
+
+        assert!(html.contains("<dt>pressed [N]</dt><dd>6.25</dd>"), "{html}");
+        assert!(html.contains("<dt>&lt;b&gt;</dt><dd>&lt;i&gt;</dd>"), "{html}");
     }
 
     #[test]

@@ -250,8 +250,8 @@ async fn along(robot: &Robot, job: &Job) -> Result<(), Hindrance> {
                 return Err(Hindrance(format!("the bar does not go on: {outcomes:?}")));
             }
             Err(why) if stops == TRIES => return Err(why),
-            Ok(_) => robot.tell("the bar was held up; both hands go on".to_owned()),
-            Err(why) => robot.tell(format!("{why}; both hands yield, then go on")),
+            Ok(_) => robot.warn("the bar was held up; both hands go on".to_owned()),
+            Err(why) => robot.warn(format!("{why}; both hands yield, then go on")),
         }
         stops += 1;
         robot.report("stops", stops);

@@ -522,7 +522,7 @@ mod tests {
         let (mut phases, mut notes, mut looks, mut event) = (vec![], vec![], 0, Event::Start);
         for _ in 0..2000 {
             let action = mission.next(event, &readings);
-            notes.extend(mission.notes());
+            notes.extend(mission.notes().iter().map(|note| note.text().to_owned()));
             event = match action {
                 Action::Finish(finish) => return (phases, notes, looks, finish),
                 Action::Phase(name) => {

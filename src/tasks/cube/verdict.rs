@@ -78,7 +78,7 @@ impl Verdict for FaceTurnVerdict {
         // Half a turn has the same result in both senses.
         let turned_deg = if half { turned.abs() } else { turned * keys.angle.signum() };
         let (right, words) = turn_verdict(keys.angle, turned_deg, truth);
-        Judgement::new(right, words).with("turned_deg", turned_deg)
+        Judgement::new(right, words).with("layer_turned_deg", turned_deg)
     }
 }
 

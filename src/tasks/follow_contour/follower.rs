@@ -83,7 +83,7 @@ async fn follow(robot: &Robot, whole: &ContourOrder) -> Result<Followed, Hindran
             return Ok(sum);
         }
         let why = met.map_or_else(|why| why.to_string(), |outcome| outcome.to_string());
-        robot.tell(format!("contour interrupted after {:.0} mm: {why}", sum.length * 1e3));
+        robot.warn(format!("contour interrupted after {:.0} mm: {why}", sum.length * 1e3));
         robot.pause(AGAIN).await?;
         rise(robot, LEAVE, PACE).await?;
     }

@@ -100,7 +100,7 @@ pub(super) async fn grip(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), 
         if touch(robot, spot).await? != Met::Nothing && grasp(robot, hand).await? {
             return Ok(());
         }
-        robot.tell(format!("no part between the jaws, {:.0} mm beside its place", shift * 1e3));
+        robot.warn(format!("no part between the jaws, {:.0} mm beside its place", shift * 1e3));
         open(robot, hand).await?;
         rise_to(robot, spot, hand.pace).await?;
     }
@@ -141,7 +141,7 @@ async fn grasp(robot: &Robot, hand: &Hand) -> Result<bool, Hindrance> {
     if let Ok(Outcome::Grasped(_)) = met {
         return Ok(true);
     }
-    robot.tell(met.map_or_else(|why| why.to_string(), |outcome| outcome.to_string()));
+    robot.warn(met.map_or_else(|why| why.to_string(), |outcome| outcome.to_string()));
     Ok(false)
 }
 
@@ -155,7 +155,7 @@ pub(super) async fn lay(robot: &Robot, spot: &Spot, hand: &Hand) -> Result<(), H
                 return Err(Hindrance("there is nothing on which the part could lie".to_owned()));
             }
             Met::High => {
-                robot.tell("something is in the way of the part, high above its place".to_owned());
+                robot.warn("something is in the way of the part, high above its place".to_owned());
                 rise_to(robot, spot, hand.pace).await?;
             }
             Met::Near => {

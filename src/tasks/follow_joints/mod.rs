@@ -56,7 +56,7 @@ async fn follow(robot: Robot, order: Order) -> Result<String, Hindrance> {
         let sensor = sensor.clone()?;
         let (speed, seconds) = (order.speed, order.seconds);
         let order = FollowOrder { sensor, effector, speed, seconds };
-        Some(Follow::behaviour("follow", &order).map_err(Hindrance))
+        Some(Follow::behaviour("follow", &order))
     };
     let orders = order.sensors.iter().enumerate().map(|arm| of_arm(arm).transpose());
     let orders = orders.collect::<Result<Vec<_>, _>>()?;

@@ -5,7 +5,7 @@ use super::panel::{self, ArmLimits, Panel};
 use crate::actors::present;
 use crate::cell::Arm;
 use crate::kernel::robot::RobotKernel;
-use crate::kernel::{Action, Event, Kernel, Progress, Readings};
+use crate::kernel::{Action, Event, Kernel, Progress, Readings, Remark};
 use crate::registry::{Setup, Task};
 use crate::scenario::ControllerConfig;
 use crate::scenario::declared::Properties;
@@ -70,7 +70,7 @@ impl Kernel for IdleKernel {
         }
     }
 
-    fn notes(&mut self) -> Vec<String> {
+    fn notes(&mut self) -> Vec<Remark> {
         match self {
             Self::Hold(kernel) => kernel.notes(),
             Self::ByHand(kernel) => kernel.notes(),

@@ -8,7 +8,7 @@
 
 use crate::generators::{Behaviour, Outcome};
 use crate::kernel::procedure::{Port, Procedure, Shared};
-use crate::kernel::{Action, Event, Finish, Progress, Readings, Until};
+use crate::kernel::{Action, Event, Finish, Progress, Readings, Remark, Until};
 use crate::motion::{AXES, ArmState, Depth, JawCommand, JointPositions};
 use crate::operator::{Manual, Step};
 use crate::spatial::Pose;
@@ -46,7 +46,7 @@ pub struct Board {
     /// States of the arms at the last event.
     arms: Vec<ArmState>,
     /// Notes that the shell has not taken yet.
-    notes: Vec<String>,
+    notes: Vec<Remark>,
 }
 
 impl Shared for Board {
@@ -57,7 +57,7 @@ impl Shared for Board {
         self.arms.extend_from_slice(readings.arms);
     }
 
-    fn take_notes(&mut self) -> Vec<String> {
+    fn take_notes(&mut self) -> Vec<Remark> {
         std::mem::take(&mut self.notes)
     }
 }
@@ -93,7 +93,7 @@ async fn by_hand(port: Port<(), (), Board>, limits: Vec<ArmLimits>) -> Finish {
             },
             Err(why) => Some(format!("not done: {why}")),
         };
-        port.state(|shared| shared.notes.extend(note));
+        port.state(|shared| shared.notes.extend(note.map(Remark::Deviation)));
     }
 }
 
@@ -215,7 +215,7 @@ mod tests {
 
     /// Returns the action of the kernel after an order to an effector, and the notes to the
     /// operator. The measured joints of the arms lag behind the set ones.
-    fn after(effector: usize, order: Manual) -> (Action<()>, Vec<String>) {
+    fn after(effector: usize, order: Manual) -> (Action<()>, Vec<Remark>) {
         let mut panel = two_arms();
         let joints = JointPositions(SET.map(|set| set - 0.0625));
         let arm = ArmState {
@@ -333,7 +333,7 @@ mod tests {
             let (action, notes) = after(effector, order.clone());
             assert_eq!(action, Action::Await, "{order:?}");
             let [note] = &notes[..] else { panic!("{order:?}: {notes:?}") };
-            assert!(note.starts_with(&format!("not done: {reason}")), "{order:?}: {note}");
+            assert!(note.text().starts_with(&format!("not done: {reason}")), "{order:?}: {note:?}");
         }
     }
 

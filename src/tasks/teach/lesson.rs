@@ -127,7 +127,7 @@ async fn taught(robot: &Robot, lesson: &Lesson) -> Result<Way, Hindrance> {
         }
     };
     if off > lesson.tolerance {
-        robot.tell(format!(
+        robot.warn(format!(
             "the way is too long for {MOST} points within {:.1} mm: the path through them is up to \
              {:.1} mm off",
             lesson.tolerance * 1e3,
@@ -178,7 +178,7 @@ async fn play(robot: &Robot, lesson: &Lesson, way: &Way) -> Result<(), Hindrance
         match once(robot, lesson, &way.points).await {
             Ok(()) => break,
             Err(why) if tries == TRIES => return Err(why),
-            Err(why) => robot.tell(format!("stopped in playback: {why}; it will try again")),
+            Err(why) => robot.warn(format!("stopped in playback: {why}; it will try again")),
         }
         tries += 1;
         robot.pause(AGAIN).await?;

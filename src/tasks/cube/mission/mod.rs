@@ -53,7 +53,7 @@ use super::hold::Hand;
 use super::settings::CubeSettings;
 use super::think::{Conclusion, Thought};
 use crate::kernel::procedure::{Port, Procedure};
-use crate::kernel::{Account, Action, Event, Finish, Kernel, Picture, Readings};
+use crate::kernel::{Account, Action, Event, Finish, Kernel, Picture, Readings, Remark};
 use crate::motion::ArmState;
 pub use assignment::{Assignment, Goal};
 pub use entry::Entry;
@@ -179,8 +179,9 @@ impl Kernel for Mission {
         self.procedure.resume(event)
     }
 
-    fn notes(&mut self) -> Vec<String> {
-        self.procedure.port().state(|shared| std::mem::take(&mut shared.notes))
+    fn notes(&mut self) -> Vec<Remark> {
+        let notes = self.procedure.port().state(|shared| std::mem::take(&mut shared.notes));
+        notes.into_iter().map(Remark::Deviation).collect()
     }
 
     fn picture(&self) -> Option<Picture> {
