@@ -65,6 +65,9 @@ pub struct Truth {
     pub clearance: f64,
     /// Checksum of the plant's limits of speed and force.
     pub bounds: u32,
+    /// Whether the cube was falling at the beginning, as in the saved plant of a run that ended in
+    /// a power cut.
+    pub falls_at_start: bool,
     /// State and history of the plant.
     pub verdict: plant::Verdict,
     /// Number of jammed turns.

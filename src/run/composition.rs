@@ -35,7 +35,7 @@ use crate::actors::work::Work;
 use crate::cube::Facelets;
 use crate::error::{Error, NonFatal};
 use crate::hw::driver::{Switches, Timing};
-use crate::hw::plant::Verdict;
+use crate::hw::plant::{Verdict, Whereabouts};
 use crate::hw::scene::{Scene, SceneArm};
 use crate::kernel::Account;
 use crate::motion::PERIOD;
@@ -80,6 +80,8 @@ struct Beginning {
     start: Option<Facelets>,
     /// Distance of the nearest tool from the cube's centre (m).
     clearance: f64,
+    /// Whether the cube is falling.
+    falls: bool,
     /// Checksum of the limits of speed and force, see [`plant_hash`].
     bounds: u32,
     /// Plant before the first period; `None` for hardware.
@@ -92,15 +94,16 @@ impl Beginning {
     /// # Errors
     /// If the plant's cube has a colour that does not exist.
     fn of(world: &World, controller: &ControllerConfig) -> Result<Self, Error> {
-        let start = world
-            .verdict()
+        let verdict = world.verdict();
+        let falls = verdict.as_ref().is_some_and(|v| v.cube == Whereabouts::Falling);
+        let start = verdict
             .map(|verdict| Facelets::try_from(verdict.facelets))
             .transpose()
             .map_err(|e| not_created("plant", &e.to_string()))?;
         let scene = world.scene();
         let clearance = scene.as_ref().map_or(f64::INFINITY, clearance);
         let bounds = world.plant().map_or(0, |plant| plant_hash(plant.bounds(), controller));
-        Ok(Self { start, clearance, bounds, scene })
+        Ok(Self { start, clearance, falls, bounds, scene })
     }
 
     /// Returns the facts of the plant at the end of a run: these from its beginning, the plant's
@@ -108,13 +111,14 @@ impl Beginning {
     /// for hardware.
     fn truth(self, end: Option<(Verdict, Scene)>, jams: u32, account: Account) -> Option<Truth> {
         let Account { figures: reported, documents, .. } = account;
-        let Self { start, clearance, bounds, scene } = self;
+        let Self { start, clearance, falls: falls_at_start, bounds, scene } = self;
         let (verdict, scene_at_end) = end?;
         let (start, scene_at_start) = (start?, scene?);
         Some(Truth {
             start,
             clearance,
             bounds,
+            falls_at_start,
             verdict,
             jams,
             reported,

@@ -145,7 +145,7 @@ pub(super) fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Sum
         pops: counts.map(|c| c.pops),
         crushed: counts.map(|c| c.crushed),
         collisions: counts.map(|c| c.collisions),
-        late_drops: verdict.map(|v| late_drops(v, ending, period)),
+        late_drops: truth.map(|truth| late_drops(truth, ending, period)),
         violations: counts.map(|c| violations(&c.violations)),
         accidents: verdict.map(|v| accidents(v, config, period)),
         turned_deg: judged("layer_turned_deg"),
@@ -162,15 +162,15 @@ pub(super) fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Sum
 /// Time that jaws take to close when the cube is gone, and MP to notice it (s).
 const NOTICE: f64 = 0.5;
 
-/// Returns the number of falls after which an error ended the run before they could be noticed;
-/// `period` is the length of a servo period (s).
-fn late_drops(verdict: &Verdict, ending: &Ending, period: f64) -> u32 {
+/// Returns the number of falls after which an error ended the run before they could be noticed, or
+/// a power cut the run that this one resumes; `period` is the length of a servo period (s).
+fn late_drops(truth: &Truth, ending: &Ending, period: f64) -> u32 {
     let late = |event: &&Event| {
         let fell = matches!(event.what, Incident::Drop { .. });
         fell && event.period as f64 * period > ending.end - NOTICE
     };
-    let events = || verdict.events.iter().filter(late).count() as u32;
-    ending.error.as_ref().map_or(0, |_| events())
+    let events = || truth.verdict.events.iter().filter(late).count() as u32;
+    u32::from(truth.falls_at_start) + ending.error.as_ref().map_or(0, |_| events())
 }
 
 /// Returns the plant's counts of what no controller may do, for the summary.

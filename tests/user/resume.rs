@@ -122,6 +122,25 @@ fn mission_killed_during_turns_resumes_and_solves() {
 
 /// The kill comes after the turns, while the hand lowers the solved cube. The resumed mission lifts
 /// the cube, makes no turn and lays it down.
+/// Before the cut nobody saw the fall; then the track was far from the place of hand-over.
+#[test]
+fn cube_that_fell_around_power_cut_is_solved() {
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/mixes/falls_in_power_cut.toml");
+    for (name, cut) in [("seen-by-nobody", 95.23), ("on-the-way", 96.0)] {
+        let world = place(name);
+        let drop = "{ name = \"a\", kind = \"drop\", arm = \"postument\", at_s = 95.18 }";
+        let power = format!("{{ name = \"b\", kind = \"power_cut\", at_s = {cut} }}");
+        let power = format!("fault=[{drop}, {power}]");
+        assert!(!run(&[scenario, "--set", &power], &world).output().unwrap().status.success());
+
+        let end = resumed(&[scenario, "--set", "fault=[]"], &world);
+
+        assert_eq!((&end["outcome"], &end["drops"]), (&"solved".into(), &1.into()), "{end}");
+        assert!(end["drops_noticed"].as_u64() >= Some(1), "{name}: {end}");
+        remove(&world);
+    }
+}
+
 #[test]
 fn mission_killed_while_lowering_the_cube_resumes() {
     let world = place("lowered");

@@ -25,7 +25,6 @@ use super::station::Station;
 use super::take::retract;
 use super::turn_in_progress::TurnInProgress;
 use super::{give_back, realign, regrasp, resume};
-use crate::cube::Keeper;
 use crate::motion::{Depth, JointPositions};
 use crate::tasks::cube::hold::Hand;
 
@@ -115,25 +114,15 @@ async fn lost(robot: &mut Robot, hand: Hand) -> Result<Station, Failure> {
 /// Reports the place where the cube fell, and waits for it at the place of hand-over. `lost` says
 /// which hand lost the cube.
 async fn fallen(robot: &mut Robot, hand: Hand, lost: String) -> Result<Station, Failure> {
-    robot.log.drops += 1;
-    let tool = robot.belief.world_from_base(hand) * robot.arms[hand.index()].base_from_tool;
-    let [x, y, _] = tool.translation.vector.map(|place| place * 1e3).into();
-    robot.drop_site = Some(format!(
-        "it fell from the {} hand and lies below the last position of that hand, x {x:.0} mm, y \
-         {y:.0} mm in the world frame",
-        hand.name()
-    ));
+    robot.note_fall(hand);
     let Some(hand_over) = robot.hand_over.filter(|_| robot.may_recover()) else {
         return Err(Failure::Final(lost));
     };
-    let next = match robot.settings.keeper {
-        Keeper::Person => "pick it up and hold it out again, please",
-        Keeper::Table => "the camera looks for it on the table",
-    };
-    robot.note(format!("{lost} and has fallen: {next}"));
+    robot.note(format!("{lost} and has fallen: {next}", next = robot.after_fall()));
     robot.forget_cube();
-    robot.forget_hand_over();
     wait_for_the_cube(robot, hand, hand_over).await?;
+    // Only now: a mission that is resumed on the way needs the place.
+    robot.forget_hand_over();
     Ok(Station::Take)
 }
 

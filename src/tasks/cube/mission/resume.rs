@@ -50,6 +50,7 @@ const SEEK_SECONDS: f64 = 5.0;
 pub(super) async fn take_stock(robot: &mut Robot, last: Entry) -> Result<Station, Failure> {
     restore(robot, &last);
     robot.note(format!("last journal entry of the earlier run: {doing}", doing = last.doing));
+    robot.phase("take stock").await?;
     let edge = robot.settings.edge;
     // A kill may come between a journal entry and its motion, so the jaws decide and not the entry.
     let holds = |hand: Hand| {
@@ -58,7 +59,10 @@ pub(super) async fn take_stock(robot: &mut Robot, last: Entry) -> Result<Station
     };
     match Hand::BOTH.map(holds) {
         [false, false] if last.over || last.handing_back => was_handed_back(robot, last).await,
-        [false, false] => take_again(robot).await,
+        [false, false] => {
+            robot.note("no hand holds the cube: it is taken again");
+            take_again(robot).await
+        }
         [true, true] => both_hold(robot, &last).await,
         [true, false] => one_holds(robot, Hand::Track, &last).await,
         [false, true] => one_holds(robot, Hand::Postument, &last).await,
@@ -104,7 +108,6 @@ async fn was_handed_back(robot: &mut Robot, last: Entry) -> Result<Station, Fail
     if seeks {
         begin_to_seek(robot);
     }
-    robot.phase("take stock").await?;
     if !last.over {
         back_off(robot, distance).await?;
     }
@@ -117,13 +120,33 @@ async fn was_handed_back(robot: &mut Robot, last: Entry) -> Result<Station, Fail
 
 /// Prepares to take a cube that no hand holds.
 async fn take_again(robot: &mut Robot) -> Result<Station, Failure> {
-    robot.note("no hand holds the cube: it is taken again");
-    robot.forget_hand_over();
     let distance = robot.free_retraction(Hand::Track, robot.settings.back);
-    robot.phase("take stock").await?;
     back_off(robot, distance).await?;
-    robot.move_apart().await?;
+    // From another place than the last hand-over the arm may not reach the cube.
+    match robot.hand_over {
+        Some(place) => regrasp::return_to(robot, place).await?,
+        None => robot.move_apart().await?,
+    }
+    // The operator may hold the cube out elsewhere.
+    robot.forget_hand_over();
     Ok(Station::Take)
+}
+
+/// Returns whether the jaws of a hand, which closed with this result, have closed on nothing.
+fn is_empty(robot: &Robot, hand: Hand, closed: &Result<(), Failure>) -> bool {
+    let gap = robot.arms[hand.index()].jaw_opening;
+    matches!(closed, Err(Failure::NotGrasped { .. })) && gap < LEAST_HELD * robot.settings.edge
+}
+
+/// Takes the cube again that `hand` does not hold, though its jaws were as far apart as a cube: it
+/// fell when no mission was there to see it.
+async fn fallen_before(robot: &mut Robot, hand: Hand) -> Result<Station, Failure> {
+    robot.note_fall(hand);
+    robot.belief.released(hand);
+    let (name, next) = (hand.name(), robot.after_fall());
+    robot.note(format!("the {name} hand's jaws close on nothing: the cube has fallen: {next}"));
+    robot.open(hand, Depth::One).await?;
+    take_again(robot).await
 }
 
 /// Opens the track hand and retracts it by `distance` (m), before it moves sideways or its force is
@@ -179,10 +202,14 @@ async fn one_holds(robot: &mut Robot, hand: Hand, last: &Entry) -> Result<Statio
         robot.maybe_offered = (last.handing_back || is_out).then_some(MaybeOffered { opening });
     }
     let clear = way_to_clear(robot, other);
-    robot.phase("take stock").await?;
     // The other run's zero is unknown, and the hand must not yield to a force of that zero.
     robot.zero_forces([hand == Hand::Track, hand == Hand::Postument]).await?;
-    robot.close(hand, hold, Closing::Straight).await?;
+    let closed = robot.close(hand, hold, Closing::Straight).await;
+    // A cube that may have been held out was perhaps pulled out of the jaws, and did not fall.
+    if robot.maybe_offered.is_none() && is_empty(robot, hand, &closed) {
+        return fallen_before(robot, hand).await;
+    }
+    closed?;
     let stops = robot.stops[other.index()];
     robot.open(other, stops).await?;
     if let Some(way) = clear {
@@ -242,9 +269,13 @@ async fn retreat(robot: &mut Robot, holder: Hand, left: Option<f64>) -> Result<S
 async fn both_hold(robot: &mut Robot, last: &Entry) -> Result<Station, Failure> {
     robot.note("both hands hold the cube");
     robot.apart = false;
-    robot.phase("take stock").await?;
     for hand in Hand::BOTH {
-        robot.close(hand, assumed(last, hand), Closing::Straight).await?;
+        let closed = robot.close(hand, assumed(last, hand), Closing::Straight).await;
+        // These jaws were on their way when the other run ended.
+        if is_empty(robot, hand, &closed) {
+            return one_holds(robot, hand.other(), last).await;
+        }
+        closed?;
     }
     robot.check_hold()?;
     let Misaligned { turner, by, grip } = find_misaligned(robot, last);
@@ -604,6 +635,46 @@ mod tests {
         });
 
         assert!(!end.achieved && end.reason.contains("do not hold"), "{}", end.reason);
+    }
+
+    /// The jaws of the hand are as far apart as a cube, but close on nothing. The partner's too in
+    /// the second case: no hand has the cube.
+    #[test]
+    fn cube_that_fell_before_is_taken_again() {
+        let place = JointPositions([0.3; 7]);
+        for gaps in [[0.09, WIDTH], [WIDTH, WIDTH]] {
+            let last = Entry { handing_back: false, hand_over: Some(place), ..lowering() };
+            let mut stage = stage(settings(), &last);
+            (0..2).for_each(|hand| stage.robot.arms[hand].jaw_opening = gaps[hand]);
+
+            let (end, actions) =
+                stage.play(async |robot| take_stock(robot, last).await, &mut |action, arms| {
+                    let Action::Behave { orders, .. } = action else {
+                        return goes_well(action, arms);
+                    };
+                    let closes =
+                        |order: &Option<Behaviour>| matches!(order, Some(Behaviour::Grasp { .. }));
+                    let Some(hand) = orders.iter().position(closes) else {
+                        return goes_well(action, arms);
+                    };
+                    arms[hand].jaw_opening = EMPTY;
+                    let mut outcomes = vec![None, None];
+                    outcomes[hand] = Some(Outcome::Empty(EMPTY));
+                    Event::Behaved(outcomes)
+                });
+
+            assert_eq!(end, Ok(Station::Take), "{gaps:?}");
+            let (robot, ordered) = (&stage.robot, words(&actions));
+            assert_eq!((robot.log.drops, robot.hand_over), (1, None), "{ordered:?}");
+            assert!(robot.belief.held.iter().all(Option::is_none), "{gaps:?}");
+            let goes = |action: &Action<Thought>| match action {
+                Action::Behave { orders, .. } => {
+                    matches!(orders[0], Some(Behaviour::Joints { target, .. }) if target == place)
+                }
+                _ => false,
+            };
+            assert!(actions.last().is_some_and(goes), "the track is at the hand-over: {ordered:?}");
+        }
     }
 
     /// The plant's file counts the falls of the whole mission.

@@ -452,6 +452,26 @@ impl Robot {
         Ok((holder, Grip { hold: held.hold, half_roll: held.half_roll }))
     }
 
+    /// Counts a fall from a hand, and keeps the place where the cube lies.
+    pub(super) fn note_fall(&mut self, hand: Hand) {
+        self.log.drops += 1;
+        let tool = self.belief.world_from_base(hand) * self.arms[hand.index()].base_from_tool;
+        let [x, y, _] = tool.translation.vector.map(|place| place * 1e3).into();
+        self.drop_site = Some(format!(
+            "it fell from the {} hand and lies below the last position of that hand, x {x:.0} mm, \
+             y {y:.0} mm in the world frame",
+            hand.name()
+        ));
+    }
+
+    /// Returns how the robot gets a cube that has fallen, for messages.
+    pub(super) fn after_fall(&self) -> &'static str {
+        match self.settings.keeper {
+            Keeper::Person => "pick it up and hold it out again, please",
+            Keeper::Table => "the camera looks for it on the table",
+        }
+    }
+
     /// Returns the verb phrase for the return of the cube, for messages.
     pub(super) fn goes_back(&self) -> &'static str {
         match self.settings.keeper {
