@@ -54,15 +54,33 @@ pub(super) fn present(guard: &Guard, arms: PerArm<Option<&ArmState>>) -> Guard {
 /// `arm`; `None` for any other order, or without a course.
 ///
 /// # Errors
-/// If the generator is unknown or refuses its order.
+/// If the generator is unknown or refuses its order, or the order has a speed that is none.
 pub(super) fn forecast(
     order: &Behaviour,
     manner: &Manner,
     arm: &ArmState,
 ) -> Result<Option<Arc<Forecast>>, NonFatal> {
+    check_speed(order)?;
     let Behaviour::Own(own) = order else { return Ok(None) };
     let forecast = manner.library.forecast(own, &manner.site(arm)).map_err(NonFatal::Arguments)?;
     Ok(forecast.map(Arc::new))
+}
+
+/// Checks the share of the full speed that a free motion asks for: with 0 it would never end.
+///
+/// # Errors
+/// The share, if it is not above 0 and at most 1.
+fn check_speed(order: &Behaviour) -> Result<(), NonFatal> {
+    match order {
+        Behaviour::Joints { speed, .. } | Behaviour::Line { speed, .. }
+            if !(*speed > 0.0 && *speed <= 1.0) =>
+        {
+            let why =
+                format!("the speed {speed} is no share of the full speed: above 0, at most 1");
+            Err(NonFatal::Arguments(why))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Reason why ordered motions must not begin.
@@ -72,10 +90,12 @@ pub(super) enum Inadmissible {
     #[error(transparent)]
     Near(#[from] Near),
     /// A path of the tool that the arm cannot follow to its end.
-    #[error("the {arm} arm cannot follow its path beyond {:.0} %: {why}", .share * 100.0)]
+    #[error("the {arm} arm cannot follow its path{to} beyond {:.0} %: {why}", .share * 100.0)]
     BeyondReach {
         /// Name of the arm.
         arm: String,
+        /// Target of a line, as " to x 400, y 0, z 760 mm of its base"; empty for other paths.
+        to: String,
         /// Share of the path that the arm can follow, 0..=1.
         share: f64,
         /// Limit that ends the path.
@@ -95,8 +115,8 @@ pub(super) fn admit(
     orders: &mut [Option<Behaviour>],
     forecasts: &Forecasts,
 ) -> Result<Pairs, Inadmissible> {
-    let joined = check_paths(guard, known, orders, forecasts)?;
     check_reach(guard, known, orders, forecasts)?;
+    let joined = check_paths(guard, known, orders, forecasts)?;
     slow_down(guard, known, orders, forecasts);
     Ok(joined)
 }
@@ -120,10 +140,18 @@ fn check_reach(
         };
         let course = guard.course(i, &arm.desired_joints, &ways[i]);
         if let Some((share, why)) = course.beyond_reach() {
-            return Err(Inadmissible::BeyondReach { arm: name.to_owned(), share, why });
+            let (arm, to) = (name.to_owned(), order.as_ref().map_or_else(String::new, target));
+            return Err(Inadmissible::BeyondReach { arm, to, share, why });
         }
     }
     Ok(())
+}
+
+/// Returns the target of a line in words; empty for another order.
+fn target(order: &Behaviour) -> String {
+    let Behaviour::Line { target, .. } = order else { return String::new() };
+    let [x, y, z] = target.translation.vector.map(|place| place * 1e3).into();
+    format!(" to x {x:.0}, y {y:.0}, z {z:.0} mm of its base")
 }
 
 /// Checks that the ordered motions bring no arm too near an obstacle. Returns the pairs whose

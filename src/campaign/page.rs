@@ -117,8 +117,10 @@ fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
         if tally.contact_unknown() > 0 {
             fact("runs with unknown contact", grouped(tally.contact_unknown()));
         }
-        let turns: f64 = figures(tally).map(|(_, f)| f64::from(f.turns)).sum();
-        fact("face turns in total", grouped(turns as u64));
+        if tally.concerns_cube() {
+            let turns: f64 = figures(tally).map(|(_, f)| f64::from(f.turns)).sum();
+            fact("face turns in total", grouped(turns as u64));
+        }
         // A time that is not finite is stored as `f64::MAX` and would hide the others in the sum.
         let hours: f64 = figures(tally).map(|(_, f)| f.sim_time_s.min(1e9)).sum::<f64>() / 3600.0;
         fact("simulated time in total", format!("{hours:.1} h"));

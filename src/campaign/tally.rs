@@ -158,8 +158,17 @@ impl Tally {
             let digits = (2.0 - most.max(1e-9).log10().floor()).clamp(1.0, 9.0) as usize;
             Column { words: figure_label(name), values, decimals: if whole { 0 } else { digits } }
         });
-        // Earlier builds did not measure every quantity.
-        common.chain(of_task).filter(|column| !column.values.is_empty()).collect()
+        // Earlier builds did not measure every quantity. Those of the cube are 0 without a cube.
+        let of_cube = self.concerns_cube();
+        let tells = |column: &Column| {
+            !column.values.is_empty() && (of_cube || column.values.iter().any(|v| v.0 != 0.0))
+        };
+        common.filter(tells).chain(of_task).collect()
+    }
+
+    /// Returns whether the task handles a cube: one with figures of its own may handle none.
+    pub(super) fn concerns_cube(&self) -> bool {
+        self.task_figures().is_empty() || self.figures().any(|f| f.turns + f.grasps > 0)
     }
 
     /// Returns the names of the figures that the task gave in any run.
@@ -341,16 +350,22 @@ impl Tally {
     /// Appends the rows with the counts of mishaps, excessive contacts and runs without a verdict.
     fn add_mishaps(&self, t: &mut String) {
         let m = &self.mishaps;
-        row(t, "jams, slips, drops", &format!("{}, {}, {}", m.jams, m.slips, m.drops));
-        let others = format!("{}, {}, {}", m.pops, m.crushed, m.collisions);
-        row(t, "pops, crushes, bumps", &others);
+        if self.concerns_cube() {
+            row(t, "jams, slips, drops", &format!("{}, {}, {}", m.jams, m.slips, m.drops));
+            let others = format!("{}, {}, {}", m.pops, m.crushed, m.collisions);
+            row(t, "pops, crushes, bumps", &others);
+        } else {
+            row(t, "bumps", &m.collisions.to_string());
+        }
         let (with, solved) = self.mishaps_and_solved;
         let any = format!("{with}, of which {solved} were solved");
         row(t, "runs with a mishap", &any);
         row(t, "recoveries", &self.recoveries.to_string());
         let above = format!("{} runs above {}", self.above_limit(), self.limit());
         row(t, "contact", &above);
-        row(t, "unnoticed drops", &format!("in {} runs", self.unnoticed()));
+        if self.concerns_cube() {
+            row(t, "unnoticed drops", &format!("in {} runs", self.unnoticed()));
+        }
         if self.contact_unknown() > 0 {
             let unknown = format!("in {} runs of an earlier build", self.contact_unknown());
             row(t, "unknown contact", &unknown);

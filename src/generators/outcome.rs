@@ -81,7 +81,7 @@ impl std::fmt::Display for Outcome {
             ["along x", "along y", "along z", "about x", "about y", "about z"];
         match self {
             Self::Reached => f.write_str("the target is reached"),
-            Self::Touched(way) => write!(f, "the palm touched after {:.1} mm", way * 1e3),
+            Self::Touched(way) => write!(f, "touched after {:.1} mm", way * 1e3),
             Self::NotTouched => f.write_str("nothing was touched on the way"),
             Self::Grasped(width) => write!(f, "the jaws hold {:.1} mm", width * 1e3),
             Self::Empty(width) => write!(f, "the jaws closed to {:.1} mm on nothing", width * 1e3),

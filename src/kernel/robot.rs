@@ -343,11 +343,22 @@ impl Robot {
             Event::Behaved(outcomes) => {
                 // An arm that still holds an object meets forces when the other one has lost it.
                 let lost = outcomes.iter().flatten().any(|met| matches!(met, Outcome::Lost(_)));
-                let alarm = outcomes.iter().flatten().find(|met| !lost && met.alarms());
-                alarm.map_or_else(|| Ok(outcomes.clone()), |met| Err(Hindrance(met.to_string())))
+                let mut met = outcomes.iter().enumerate();
+                let alarm = met.find_map(|(arm, outcome)| {
+                    let outcome = outcome.as_ref().filter(|met| !lost && met.alarms())?;
+                    Some(Hindrance(format!("{outcome}{}", self.at_arm(arm))))
+                });
+                alarm.map_or(Ok(outcomes), Err)
             }
             event => Err(unexpected(&event)),
         }
+    }
+
+    /// Returns where something happened, for a message; empty in a cell of one arm.
+    fn at_arm(&self, arm: usize) -> String {
+        let which = ["first", "second", "third", "fourth"].get(arm);
+        let several = self.port.state(|board| board.arms.len()) > 1;
+        which.filter(|_| several).map_or_else(String::new, |which| format!(", at the {which} arm"))
     }
 
     /// Has the ECP of an effector begin a programme. The effector must not be ordered before the

@@ -38,9 +38,9 @@ pub fn run_remedy(error: &Error) -> Option<&'static str> {
     }
 }
 
-/// Instruction for a run that a defect of this program ended.
-const DEFECT: &str = "This is a defect of the program: start a new run with --record FILE; if it \
-                      happens again, report it with the recording.";
+/// Instruction for a run that a defect ended, of this program or of a user's own task.
+const DEFECT: &str = "This is a defect of the task or of the program: start a new run with \
+                      --record FILE; if it happens again, report it with the recording.";
 
 /// Returns the instruction for a person after a fault of an arm, to be followed before the next
 /// run. A fault lasts until the arm is reset, which happens at the start of a run.

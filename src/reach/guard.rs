@@ -742,12 +742,16 @@ impl Course<'_> {
     #[must_use]
     pub fn beyond_reach(mut self) -> Option<(f64, MoveRefused)> {
         let share = |moment: u32| f64::from(moment) / f64::from(MOMENTS);
-        (1..=MOMENTS).find_map(|moment| match self.inverse(&self.tool_at(share(moment))?) {
-            Ok(joints) => {
-                self.last = joints;
-                None
+        let model = &self.guard.cell.arms[self.arm].model;
+        (1..=MOMENTS).find_map(|moment| {
+            let joints = self.inverse(&self.tool_at(share(moment))?);
+            match joints.and_then(|joints| model.check(&joints).map(|()| joints)) {
+                Ok(joints) => {
+                    self.last = joints;
+                    None
+                }
+                Err(why) => Some((share(moment - 1), why)),
             }
-            Err(why) => Some((share(moment - 1), why)),
         })
     }
 

@@ -662,6 +662,15 @@ pub struct Label {
 }
 
 impl Label {
+    /// Returns the version of the program that made the recording.
+    #[must_use]
+    pub fn program_version(&self) -> &str {
+        match self.fact("program_version") {
+            "" => self.fact("version"),
+            version => version,
+        }
+    }
+
     /// Returns the name of the program that made the recording.
     #[must_use]
     pub fn program(&self) -> &str {

@@ -384,8 +384,8 @@ impl Summary {
     }
 
     /// Returns whether the rows of the cube belong into the table: a task with figures of its own
-    /// may handle no cube.
-    fn concerns_cube(&self) -> bool {
+    /// may handle none.
+    pub(crate) fn concerns_cube(&self) -> bool {
         self.figures.is_empty() || self.identified.is_some() || self.turns + self.grasps > 0
     }
 
@@ -464,12 +464,19 @@ impl Summary {
     pub(crate) fn figure_rows(&self) -> Vec<(String, String)> {
         let mut rows = self.effort_rows();
         let mut row = |name: &str, words: String| rows.push((name.to_owned(), words));
-        row("jams, slips, drops", counts([self.jams, self.slips, self.drops]));
+        let of_cube = self.concerns_cube();
+        if of_cube {
+            row("jams, slips, drops", counts([self.jams, self.slips, self.drops]));
+        }
         // A fall that only one of plant and controller counts must be visible.
         if self.drops.unwrap_or(0) > 0 || self.drops_noticed.unwrap_or(0) > 0 {
             row("drops detected", self.drops_noticed.unwrap_or(0).to_string());
         }
-        row("pops, crushes, bumps", counts([self.pops, self.crushed, self.collisions]));
+        if of_cube {
+            row("pops, crushes, bumps", counts([self.pops, self.crushed, self.collisions]));
+        } else {
+            row("bumps", known(self.collisions, |bumps| bumps.to_string()));
+        }
         for Accident { time_s, what } in self.accidents.iter().flatten() {
             row("", format!("{time_s:8.1} s: {what}"));
         }
@@ -563,6 +570,8 @@ pub fn figure_text(figure: &Value) -> String {
             short.to_string()
         }
         Value::String(text) => text.clone(),
+        // JSON has no other form of a number that is none.
+        Value::Null => UNKNOWN.to_owned(),
         other => other.to_string(),
     }
 }

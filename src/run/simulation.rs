@@ -368,7 +368,11 @@ fn fault_words(scenario: &Scenario) -> Vec<String> {
     let words = scenario.plant.faults.iter().filter_map(|keys| {
         fault_event(&scenario.controller, keys, &mut Vec::new())?;
         let kind = keys.kind?.word().replace('_', " ");
-        Some(keys.arm.as_ref().map_or_else(|| kind.clone(), |arm| format!("{kind}, {arm}")))
+        let arm = keys.arm.as_ref().map_or_else(String::new, |arm| format!(", {arm}"));
+        // A fault without a name has its number.
+        let named = keys.name.parse::<u32>().is_err();
+        let name = if named { format!(" ({})", keys.name) } else { String::new() };
+        Some(format!("{kind}{arm}{name}"))
     });
     words.collect()
 }

@@ -80,9 +80,10 @@ section! {
 section! {
     /// Standard deviations of the truth around the controller's belief, drawn from the seed.
     pub Errors {
-        /// Error of the positions of the bases, per axis.
+        /// Error of the positions of the bases, per axis. The first arm defines the world, so its
+        /// base has none.
         base [mm]: f64 = 1.0, 0.0..=50.0;
-        /// Error of the orientations of the bases, per axis.
+        /// Error of the orientations of the bases, per axis, but for the first one.
         base_tilt as base [deg]: f64 = 0.5, 0.0..=10.0;
         /// Error of the focal lengths.
         focal [percent]: f64 = 0.3, 0.0..=20.0;

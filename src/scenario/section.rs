@@ -191,9 +191,15 @@ impl Reader {
         self.places.contains_key(path)
     }
 
-    /// Adds a fault at a key, or at the nearest section above it that was given.
+    /// Adds a fault at a key, or at the nearest section above it that was given. A reason that does
+    /// not name a key without a place of its own begins with its name.
     pub fn fault(&mut self, path: &str, reason: impl Into<String>) {
-        let place = self.nearest_place(path);
+        let (place, reason) = (self.nearest_place(path), reason.into());
+        let reason = if self.is_given(path) || reason.contains(path) {
+            reason
+        } else {
+            format!("`{path}`: {reason}")
+        };
         self.faults.add(place.as_ref(), reason);
     }
 

@@ -23,7 +23,9 @@ pub(super) fn page(story: &Story) -> String {
         escaped(&title)
     );
     head(&mut html, story, &title);
-    table(&mut html, story);
+    if concerns_cube(story) {
+        table(&mut html, story);
+    }
     timeline(&mut html, story);
     forces(&mut html, story);
     timing(&mut html, story);
@@ -34,6 +36,11 @@ pub(super) fn page(story: &Story) -> String {
     origin(&mut html, story);
     html.push_str("</main></body></html>\n");
     html
+}
+
+/// Returns whether the run handled a cube, as far as the recording tells.
+fn concerns_cube(story: &Story) -> bool {
+    story.summary.as_ref().is_none_or(Summary::concerns_cube)
 }
 
 /// Returns the title of the report: the name of the scenario and the seed.
@@ -66,7 +73,9 @@ fn head(html: &mut String, story: &Story, title: &str) {
     for why in incomplete(story) {
         let _ = write!(html, "<p class=warn>{}</p>", escaped(&why));
     }
-    cubes(html, story);
+    if concerns_cube(story) {
+        cubes(html, story);
+    }
     if let Some(summary) = &story.summary {
         facts(html, summary);
     }
@@ -127,10 +136,12 @@ fn facts(html: &mut String, summary: &Summary) {
         fact("turns", summary.turns.to_string());
         fact("grasps", summary.grasps.to_string());
     }
-    if let (Some(force), Some(torque)) = (summary.peak_force_n, summary.peak_torque_nm) {
+    let of_cube = |value: Option<f64>| value.filter(|_| summary.concerns_cube());
+    if let Some((force, torque)) = of_cube(summary.peak_force_n).zip(summary.peak_torque_nm) {
         fact("peak while both hold", format!("{force:.1} N, {torque:.2} Nm"));
     }
-    if let (Some(jams), Some(slips), Some(drops)) = (summary.jams, summary.slips, summary.drops) {
+    let counts = (summary.jams, summary.slips, summary.drops);
+    if let ((Some(jams), Some(slips), Some(drops)), true) = (counts, summary.concerns_cube()) {
         fact("jams, slips, drops", format!("{jams}, {slips}, {drops}"));
     }
     if summary.recoveries > 0 {
@@ -260,27 +271,28 @@ fn holder_rows(story: &Story) -> Vec<Row> {
     lanes.iter().enumerate().map(row).collect()
 }
 
-/// Returns the timeline's rows of log messages: injected faults, warnings, errors. A row without a
-/// message is left out.
+/// Returns the timeline's rows of log messages: injected faults, notes, warnings, errors. A row
+/// without a message is left out.
 fn message_rows(story: &Story) -> Vec<Row> {
     /// Row of the injected faults.
     const TRUTH: &str = "injected faults: the truth, which the controller does not know";
     // Faults that the scenario injects are logged by the plant.
     let rank = |class: Class, who: &str| match (who, class) {
         ("plant", _) => TRUTH,
-        (_, Class::Info | Class::Warning) => "warnings",
+        (_, Class::Info) => "notes",
+        (_, Class::Warning) => "warnings",
         (_, Class::NonFatal | Class::Fatal | Class::System) => "errors",
     };
     let row = |name: &'static str| {
         let group = story.messages.iter().filter(|(_, class, who, _)| rank(*class, who) == name);
-        let class = if name == "warnings" { "wa" } else { "er" };
+        let class = if matches!(name, "notes" | "warnings") { "wa" } else { "er" };
         let piece = |(t, _, who, what): &(f64, Class, String, String)| {
             (*t, *t, escaped(&format!("{who}: {what}")), class.to_owned())
         };
         let pieces: Vec<_> = group.map(piece).collect();
         (!pieces.is_empty()).then(|| Row { name: name.to_owned(), pieces })
     };
-    [TRUTH, "warnings", "errors"].into_iter().filter_map(row).collect()
+    [TRUTH, "notes", "warnings", "errors"].into_iter().filter_map(row).collect()
 }
 
 /// Draws the force, the torque and the grip of each arm as curves over time.
@@ -518,11 +530,11 @@ fn plan(html: &mut String, story: &Story) {
     html.push_str("</section>\n");
 }
 
-/// Writes a table of all warnings and errors in the log.
+/// Writes a table of all notes, warnings and errors in the log.
 fn messages(html: &mut String, story: &Story) {
-    html.push_str("<section><h2>Warnings and errors</h2>");
+    html.push_str("<section><h2>Notes, warnings and errors</h2>");
     if story.messages.is_empty() {
-        html.push_str("<p>None: no warning, no error.</p></section>\n");
+        html.push_str("<p>None.</p></section>\n");
         return;
     }
     html.push_str("<table><thead><tr><th class=n>time<th>class<th>who<th>what</tr></thead><tbody>");
@@ -559,7 +571,7 @@ fn origin(html: &mut String, story: &Story) {
         &format!(
             "{} {}, build {}, {}",
             label.program(),
-            label.fact("version"),
+            label.program_version(),
             label.fact("build"),
             label.fact("platform")
         ),

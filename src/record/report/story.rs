@@ -180,7 +180,8 @@ impl Story {
             }
             "/rosout" => {
                 let (class, who, what) = standard::read_log(&mut Reader::new(data)?)?;
-                if class > Class::Info {
+                // Phases have a topic of their own.
+                if class > Class::Info || !what.starts_with("phase: ") {
                     self.messages.push((time, class, who.to_owned(), what.to_owned()));
                 }
             }

@@ -168,6 +168,7 @@ mod tests {
         let internal = Internal { periods: 1, ..Internal::default() };
         let bar = |slips| ObjectTruth {
             name: BAR.into(),
+            size: Vector3::zeros(),
             world_from_object: upright(start + Vector3::new(0.1, 0.0, 0.0), keys.bar_yaw),
             state: ObjectState::Resting,
             held_by: [false; MOST_ARMS],

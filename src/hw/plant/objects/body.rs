@@ -475,6 +475,7 @@ impl Body {
     pub(super) fn truth(&self) -> ObjectTruth {
         ObjectTruth {
             name: Arc::clone(&self.name),
+            size: self.spec.size,
             world_from_object: self.frame.to_pose(),
             state: self.state,
             held_by: self.grips.map(|grip| grip.grasp.holds()),

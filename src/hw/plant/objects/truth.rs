@@ -6,6 +6,7 @@
 
 use crate::cell::PerArm;
 use crate::spatial::Pose;
+use nalgebra::Vector3;
 use std::sync::Arc;
 
 /// Width of a step of the history of forces (N).
@@ -18,7 +19,9 @@ const STEPS: usize = 1500;
 pub struct ObjectTruth {
     /// Name in the scenario.
     pub name: Arc<str>,
-    /// Pose in the world.
+    /// Sizes along its axes (m), as in the scenario.
+    pub size: Vector3<f64>,
+    /// Pose of its centre in the world.
     pub world_from_object: Pose,
     /// State of the object now.
     pub state: ObjectState,

@@ -120,6 +120,7 @@ async fn fallen(robot: &mut Robot, hand: Hand, lost: String) -> Result<Station, 
     };
     robot.note(format!("{lost} and has fallen: {next}", next = robot.after_fall()));
     robot.forget_cube();
+    robot.forget_grasp();
     wait_for_the_cube(robot, hand, hand_over).await?;
     // Only now: a mission that is resumed on the way needs the place.
     robot.forget_hand_over();
@@ -175,7 +176,7 @@ mod tests {
     use super::super::robot::{MaybeOffered, UNSURE};
     use super::super::testing::{EMPTY, Stage, goes_well, settings, taken, words};
     use super::*;
-    use crate::cube::{Face, Facelets, Turn};
+    use crate::cube::{Face, Facelets, Keeper, Turn};
     use crate::generators::Behaviour;
     use crate::kernel::Action;
     use crate::spatial::Pose;

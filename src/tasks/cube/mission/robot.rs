@@ -392,7 +392,13 @@ impl Robot {
 
     /// Forgets the place of hand-over, and the place where the cube was grasped.
     pub(super) fn forget_hand_over(&mut self) {
-        (self.hand_over, self.taken_at, self.retract_shortfall) = (None, None, 0.0);
+        self.hand_over = None;
+        self.forget_grasp();
+    }
+
+    /// Forgets the place where the cube was grasped.
+    pub(super) fn forget_grasp(&mut self) {
+        (self.taken_at, self.retract_shortfall) = (None, 0.0);
     }
 
     /// Ends the mission without a further motion, and returns its end with the reason. The reason
