@@ -32,8 +32,8 @@ Examples:
 Columns of ticks: time_s (since the first message), arm, number of the servo period, measured and
 set joints (joint 0 is the track), wrench that the tool exerts on its surroundings, in its own
 axes, distance between the pads, force of the jaws.
-Kinds of events: phase, holder (of the cube), plan (number of steps), operator, message (warnings
-and errors).
+Kinds of events: phase, holder (of the cube), plan (number of steps), operator, message (notes,
+warnings and errors).
 Exit codes: 0 printed, 2 wrong usage, or the recording cannot be used.")]
 pub(super) struct ExportArgs {
     /// Recording of `run --record` (MCAP)

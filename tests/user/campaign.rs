@@ -114,7 +114,7 @@ fn campaign_reports_figures_of_task() {
     let html = std::fs::read_to_string(&report).unwrap();
     std::fs::remove_file(&report).unwrap();
     for text in [String::from_utf8_lossy(&table.stdout), html.into()] {
-        assert!(text.to_lowercase().contains("carried_s"), "{text}");
+        assert!(text.to_lowercase().contains("carried [s]"), "{text}");
     }
 }
 

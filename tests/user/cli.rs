@@ -214,7 +214,7 @@ fn call_without_scenario_lists_the_scenarios() {
 
     let stderr = text(&out.stderr);
     assert_eq!(out.status.code(), Some(2), "{stderr}");
-    for wanted in ["shipped:table ", "  face_turn ", "  rubik-robot run solve"] {
+    for wanted in ["shipped:table ", "  face_turn ", "`rubik-robot run solve`"] {
         assert!(stderr.contains(wanted), "no `{wanted}` in:\n{stderr}");
     }
     let head = "  solve           The whole mission: the operator's hand brings a scrambled cube";
