@@ -54,7 +54,7 @@ pub(super) fn present(guard: &Guard, arms: PerArm<Option<&ArmState>>) -> Guard {
 /// `arm`; `None` for any other order, or without a course.
 ///
 /// # Errors
-/// If the generator is unknown or refuses its order, or the order has a speed that is none.
+/// If the generator is unknown or refuses its order, or the order has a speed outside of 0 to 1.
 pub(super) fn forecast(
     order: &Behaviour,
     manner: &Manner,
@@ -75,8 +75,9 @@ fn check_speed(order: &Behaviour) -> Result<(), NonFatal> {
         Behaviour::Joints { speed, .. } | Behaviour::Line { speed, .. }
             if !(*speed > 0.0 && *speed <= 1.0) =>
         {
-            let why =
-                format!("the speed {speed} is no share of the full speed: above 0, at most 1");
+            let why = format!(
+                "the speed is {speed}; it must be above 0 and at most 1, a share of the full one"
+            );
             Err(NonFatal::Arguments(why))
         }
         _ => Ok(()),
@@ -400,6 +401,20 @@ fn longest_path(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn free_motion_needs_share_of_full_speed() {
+        let (target, seconds) = (JointPositions::default(), 0.0);
+        let joints = |speed| check_speed(&Behaviour::Joints { target, speed, seconds });
+        let line = |speed| check_speed(&Behaviour::Line { target: Pose::identity(), speed });
+
+        for speed in [0.0, -0.5, 1.001, f64::NAN] {
+            assert!(joints(speed).is_err() && line(speed).is_err(), "{speed}");
+        }
+        for speed in [1e-3, 1.0] {
+            assert!(joints(speed).is_ok() && line(speed).is_ok(), "{speed}");
+        }
+    }
 
     /// Within a ramp that gets longer with the motion, the speed falls by the cube root of the
     /// time: a motion that is three times too fast needs 27 times its time.

@@ -112,7 +112,9 @@ fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
             fact("largest contact", format!("{} N", figure(contact.max, 1)));
             let above = format!("runs above {}", tally.limit());
             fact(&above, grouped(tally.above_limit()));
-            fact("runs with an unnoticed drop", grouped(tally.unnoticed()));
+            if tally.concerns_cube() {
+                fact("runs with an unnoticed drop", grouped(tally.unnoticed()));
+            }
         }
         if tally.contact_unknown() > 0 {
             fact("runs with unknown contact", grouped(tally.contact_unknown()));
@@ -124,7 +126,9 @@ fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
         // A time that is not finite is stored as `f64::MAX` and would hide the others in the sum.
         let hours: f64 = figures(tally).map(|(_, f)| f.sim_time_s.min(1e9)).sum::<f64>() / 3600.0;
         fact("simulated time in total", format!("{hours:.1} h"));
-        fact("drops", grouped(u64::from(tally.mishaps.drops)));
+        if tally.concerns_cube() {
+            fact("drops", grouped(u64::from(tally.mishaps.drops)));
+        }
         fact("hash of the plant", tally.plants().join(", "));
     }
     fact("recoveries", grouped(tally.recoveries));

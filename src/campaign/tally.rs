@@ -168,7 +168,8 @@ impl Tally {
 
     /// Returns whether the task handles a cube: one with figures of its own may handle none.
     pub(super) fn concerns_cube(&self) -> bool {
-        self.task_figures().is_empty() || self.figures().any(|f| f.turns + f.grasps > 0)
+        let handles = |f: &Figures| f.turns + f.grasps + f.mishaps.drops > 0;
+        self.task_figures().is_empty() || self.figures().any(handles)
     }
 
     /// Returns the names of the figures that the task gave in any run.

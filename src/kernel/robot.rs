@@ -320,7 +320,7 @@ impl Robot {
     ) -> Result<Outcome, Hindrance> {
         for _ in 1..tries {
             match self.behave(effector, motion.clone()).await {
-                Err(why) => self.warn(format!("the motion was stopped: {why}; it begins again")),
+                Err(why) => self.warn(format!("{why}; the motion is tried again")),
                 outcome => return outcome,
             }
             self.pause(AGAIN).await?;
@@ -503,7 +503,7 @@ mod tests {
         let begin = |kernel: &mut RobotKernel| {
             assert!(matches!(next(kernel, 0, Event::Start), Action::Behave { .. }));
             assert_eq!(next(kernel, 0, stopped()), Action::Receive(AGAIN));
-            assert!(kernel.notes()[0].text().ends_with("it begins again"));
+            assert!(kernel.notes()[0].text().ends_with("the motion is tried again"));
             assert!(matches!(next(kernel, 500, Event::Received(None)), Action::Behave { .. }));
         };
         let tries_twice = || {

@@ -738,13 +738,22 @@ impl Course<'_> {
     }
 
     /// Returns the share of the path that the arm can follow, 0..1, and the limit that ends it;
-    /// `None` if it can follow all of it, or the path is not one of the tool.
+    /// `None` if it can follow all of it, or if the path goes straight to joint positions.
     #[must_use]
     pub fn beyond_reach(mut self) -> Option<(f64, MoveRefused)> {
-        let share = |moment: u32| f64::from(moment) / f64::from(MOMENTS);
+        /// Most places of a declared course that are looked at.
+        const MOST_PLACES: u32 = 20_000;
+        let moments = match &self.way {
+            PlannedMotion::Forecast(course) => (course.len() as u32).clamp(MOMENTS, MOST_PLACES),
+            _ => MOMENTS,
+        };
+        let share = |moment: u32| f64::from(moment) / f64::from(moments);
         let model = &self.guard.cell.arms[self.arm].model;
-        (1..=MOMENTS).find_map(|moment| {
-            let joints = self.inverse(&self.tool_at(share(moment))?);
+        (1..=moments).find_map(|moment| {
+            let joints = match self.place_at(share(moment))? {
+                Forecasted::Joints(joints) => Ok(joints),
+                Forecasted::Pose(tool) => self.inverse(&tool),
+            };
             match joints.and_then(|joints| model.check(&joints).map(|()| joints)) {
                 Ok(joints) => {
                     self.last = joints;
@@ -755,15 +764,12 @@ impl Course<'_> {
         })
     }
 
-    /// Returns the `base_from_tool` after the share `part` of a path of the tool; `None` for a path
-    /// in joints.
-    fn tool_at(&self, part: f64) -> Option<Pose> {
+    /// Returns the place after the share `part` of a line or of a declared course; `None` for
+    /// another path.
+    fn place_at(&self, part: f64) -> Option<Forecasted> {
         match &self.way {
-            PlannedMotion::Line(to) => Some(self.on_line(to, part)),
-            PlannedMotion::Forecast(course) => match course.at(part)? {
-                Forecasted::Pose(tool) => Some(tool),
-                Forecasted::Joints(_) => None,
-            },
+            PlannedMotion::Line(to) => Some(Forecasted::Pose(self.on_line(to, part))),
+            PlannedMotion::Forecast(course) => course.at(part),
             PlannedMotion::Stays | PlannedMotion::Joints(_) | PlannedMotion::Legs(_) => None,
         }
     }

@@ -386,7 +386,8 @@ impl Summary {
     /// Returns whether the rows of the cube belong into the table: a task with figures of its own
     /// may handle none.
     pub(crate) fn concerns_cube(&self) -> bool {
-        self.figures.is_empty() || self.identified.is_some() || self.turns + self.grasps > 0
+        let drops = self.drops.unwrap_or(0);
+        self.figures.is_empty() || self.identified.is_some() || self.turns + self.grasps + drops > 0
     }
 
     /// Returns the summary as a table for the operator, with an end of line after each row.

@@ -102,6 +102,7 @@ pub(super) fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Sum
     let account = Figures(done.performed.kernel.account().figures);
     let end = truth.map(Truth::end);
     let of_program = |remedy: &str| with_commands_of(program, remedy).into_owned();
+    let noticed = account.count("drops_noticed");
     // Everything that only the plant knows stays `None` for hardware.
     let judged = |name: &str| done.judgement.as_ref()?.figures.get(name)?.as_f64();
     let (outcome, reason, ended_by) = verdict_of(done);
@@ -137,7 +138,7 @@ pub(super) fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Sum
         jams: truth.map(|t| t.jams),
         slips: counts.map(|c| c.slips),
         drops: counts.map(|c| c.drops),
-        drops_noticed: Some(account.count("drops_noticed")),
+        drops_noticed: Some(noticed),
         returned: verdict.map(Verdict::is_back),
         force_limit_n: Some(config.control.force_limit),
         // Infinite for a cell without arms, which JSON has no number for.
@@ -145,7 +146,7 @@ pub(super) fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Sum
         pops: counts.map(|c| c.pops),
         crushed: counts.map(|c| c.crushed),
         collisions: counts.map(|c| c.collisions),
-        late_drops: truth.map(|truth| late_drops(truth, ending, period)),
+        late_drops: truth.map(|truth| late_drops(truth, ending, period, noticed)),
         violations: counts.map(|c| violations(&c.violations)),
         accidents: verdict.map(|v| accidents(v, config, period)),
         turned_deg: judged("layer_turned_deg"),
@@ -163,14 +164,17 @@ pub(super) fn summary(scenario: &Scenario, done: &Done, wall_time_s: f64) -> Sum
 const NOTICE: f64 = 0.5;
 
 /// Returns the number of falls after which an error ended the run before they could be noticed, or
-/// a power cut the run that this one resumes; `period` is the length of a servo period (s).
-fn late_drops(truth: &Truth, ending: &Ending, period: f64) -> u32 {
+/// a power cut the run that this one resumes. `period` is the length of a servo period (s), and
+/// `noticed` the number of falls that the controller has noticed.
+fn late_drops(truth: &Truth, ending: &Ending, period: f64, noticed: u32) -> u32 {
     let late = |event: &&Event| {
         let fell = matches!(event.what, Incident::Drop { .. });
         fell && event.period as f64 * period > ending.end - NOTICE
     };
     let events = || truth.verdict.events.iter().filter(late).count() as u32;
-    u32::from(truth.falls_at_start) + ending.error.as_ref().map_or(0, |_| events())
+    // The earlier run, or this one, may have noticed the fall.
+    let unseen = truth.falls_at_start && noticed < truth.verdict.counts.drops;
+    u32::from(unseen) + ending.error.as_ref().map_or(0, |_| events())
 }
 
 /// Returns the plant's counts of what no controller may do, for the summary.

@@ -195,7 +195,7 @@ impl Reader {
     /// not name a key without a place of its own begins with its name.
     pub fn fault(&mut self, path: &str, reason: impl Into<String>) {
         let (place, reason) = (self.nearest_place(path), reason.into());
-        let reason = if self.is_given(path) || reason.contains(path) {
+        let reason = if self.is_given(path) || reason.contains(&format!("`{path}`")) {
             reason
         } else {
             format!("`{path}`: {reason}")

@@ -79,8 +79,8 @@ impl Surroundings {
     /// if a task has changed it.
     ///
     /// # Errors
-    /// The obstacle to which the arm would come too near, or the reason why a registered generator
-    /// refuses the order.
+    /// The obstacle to which the arm would come too near, the limit that it would meet, a speed
+    /// outside of 0 to 1, or the reason why a registered generator refuses the order.
     pub(super) fn admit(
         &self,
         order: &mut Behaviour,

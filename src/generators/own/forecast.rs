@@ -51,13 +51,19 @@ impl Forecast {
         None
     }
 
+    /// Returns the number of places.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        match &self.places {
+            Places::Joints(all) => all.len(),
+            Places::Poses(all) => all.len(),
+        }
+    }
+
     /// Returns whether the forecast has no place at all.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        match &self.places {
-            Places::Joints(all) => all.is_empty(),
-            Places::Poses(all) => all.is_empty(),
-        }
+        self.len() == 0
     }
 
     /// Returns the course of another point of the tool, whose frame is `tool_from_point`.

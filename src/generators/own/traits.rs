@@ -80,7 +80,8 @@ pub trait MotionGenerator: Send + Sync + Sized + 'static {
     fn next(&mut self, inputs: &Inputs<'_>) -> Next;
 
     /// Returns the course of the motion, if it is known before it begins. MP then refuses a course
-    /// that comes too near an obstacle, and slows one down that is too fast. Without a forecast
+    /// that comes too near an obstacle or that the arm cannot follow to its end, and slows one down
+    /// that is too fast. Without a forecast
     /// only the watch over the moving arms stops the motion.
     fn forecast(&self) -> Option<Forecast> {
         None

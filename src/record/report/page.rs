@@ -278,7 +278,8 @@ fn message_rows(story: &Story) -> Vec<Row> {
     const TRUTH: &str = "injected faults: the truth, which the controller does not know";
     // Faults that the scenario injects are logged by the plant.
     let rank = |class: Class, who: &str| match (who, class) {
-        ("plant", _) => TRUTH,
+        // That of another node has the name of its node as well.
+        (who, _) if who == "plant" || who.starts_with("plant on ") => TRUTH,
         (_, Class::Info) => "notes",
         (_, Class::Warning) => "warnings",
         (_, Class::NonFatal | Class::Fatal | Class::System) => "errors",

@@ -389,7 +389,7 @@ impl Robot {
         };
         let outcomes = self.behave_alone(hand, order, Doing::Approaching).await?;
         if let Some(met) = alarm(&outcomes, Doing::Approaching) {
-            return Err(Failure::NotGrasped { hand, why: met.why });
+            return Err(Failure::NotGrasped { hand, why: met.why, empty: false });
         }
         match outcomes[hand.index()].clone() {
             Some(Outcome::Touched(_) | Outcome::Reached) => Ok(()),
@@ -398,7 +398,7 @@ impl Robot {
                 let why = format!(
                     "the {name} hand did not find the cube where the partner holds it: {found}"
                 );
-                Err(Failure::NotGrasped { hand, why })
+                Err(Failure::NotGrasped { hand, why, empty: false })
             }
         }
     }
@@ -427,7 +427,7 @@ impl Robot {
         let order = self.jaws_close(hold.depth);
         let outcomes = self.behave_alone(hand, order, Doing::ClosingJaws).await?;
         if let Some(met) = alarm(&outcomes, Doing::ClosingJaws) {
-            return Err(Failure::NotGrasped { hand, why: met.why });
+            return Err(Failure::NotGrasped { hand, why: met.why, empty: false });
         }
         match outcomes[hand.index()].clone() {
             // The jaws hold a cube. A misaligned layer reads too wide, so the smaller width counts.
@@ -445,9 +445,10 @@ impl Robot {
                 Err(Failure::WithOperator("the jaws closed without a cube".to_owned()))
             }
             other => {
+                let empty = matches!(other, Some(Outcome::Empty(_)));
                 let (name, found) = (hand.name(), Outcome::words(other));
                 let why = format!("the {name} hand's jaws do not hold the cube: {found}");
-                Err(Failure::NotGrasped { hand, why })
+                Err(Failure::NotGrasped { hand, why, empty })
             }
         }
     }
@@ -467,7 +468,7 @@ impl Robot {
         self.stops[hand.index()] = hold.depth;
         let outcomes = self.behave_alone(hand, order, Doing::Securing).await?;
         if let Some(met) = alarm(&outcomes, Doing::Securing) {
-            return Err(Failure::NotGrasped { hand, why: met.why });
+            return Err(Failure::NotGrasped { hand, why: met.why, empty: false });
         }
         let miss = self.belief.secured(hand, hold, half_roll, &self.arms);
         // One good grasp does not prove the next: a larger error fades over several grasps.

@@ -29,8 +29,9 @@ pub(super) enum Failure {
     Final(String),
     /// Loss of the cube: the jaws of this hand have closed farther than on a cube.
     Lost(Hand),
-    /// Failed grasp of this hand; its partner holds the cube.
-    NotGrasped { hand: Hand, why: String },
+    /// Failed grasp of this hand; its partner holds the cube. `empty` is whether the jaws closed on
+    /// nothing; otherwise they did not close.
+    NotGrasped { hand: Hand, why: String, empty: bool },
     /// Overload of a hand although it yielded.
     Strained(String),
     /// Face that cannot be read in the present grasp.

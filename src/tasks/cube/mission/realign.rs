@@ -141,7 +141,7 @@ async fn retry(
             Ok(Try { number: next.number + 1, eased: true })
         }
         // The partner still holds the cube: the hand opens for the next try.
-        Failure::NotGrasped { hand, why } => {
+        Failure::NotGrasped { hand, why, .. } => {
             robot.note(why);
             release(robot, hand).await?;
             Ok(next)

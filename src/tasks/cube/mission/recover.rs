@@ -47,7 +47,7 @@ pub(super) async fn recover(robot: &mut Robot, failure: Failure) -> Result<Stati
             Ok(Station::Over(robot.failed(why)))
         }
         Failure::Lost(hand) => lost(robot, hand).await,
-        Failure::NotGrasped { hand, why } => Err(not_grasped(robot, hand, why)),
+        Failure::NotGrasped { hand, why, .. } => Err(not_grasped(robot, hand, why)),
         // Even the last recovery realigns, since a misaligned layer cannot be grasped.
         Failure::TurnFailed { turner } => {
             let release = Some(realign::bring_into_line(robot, turner).await?);
@@ -199,7 +199,8 @@ mod tests {
         let mut stage = Stage::holding(settings());
         // One recovery is left.
         stage.robot.recoveries = MOST_RECOVERIES - 1;
-        let failure = Failure::NotGrasped { hand: Hand::Postument, why: "missed".to_owned() };
+        let failure =
+            Failure::NotGrasped { hand: Hand::Postument, why: "missed".to_owned(), empty: false };
 
         let (end, _) = recovers(&mut stage, failure);
         assert_eq!(end, Err(Failure::ReadAgain { release: Some(Hand::Postument) }));
@@ -217,7 +218,7 @@ mod tests {
             stage.robot.hold(holder);
             stage.robot.recoveries = MOST_RECOVERIES;
             let hand = holder.other();
-            let failure = || Failure::NotGrasped { hand, why: "missed".to_owned() };
+            let failure = || Failure::NotGrasped { hand, why: "missed".to_owned(), empty: false };
 
             let (end, _) = recovers(&mut stage, failure());
             assert_eq!(end, Err(Failure::GiveUp { release: Some(hand) }));
@@ -284,7 +285,7 @@ mod tests {
         for failure in [
             Failure::GiveBack(why()),
             Failure::Hidden { face: Face::U, why: why() },
-            Failure::NotGrasped { hand: Hand::Postument, why: why() },
+            Failure::NotGrasped { hand: Hand::Postument, why: why(), empty: false },
         ] {
             let mut stage = Stage::holding(settings());
             stage.robot.arms[0].jaw_opening = EMPTY;

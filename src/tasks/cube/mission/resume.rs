@@ -123,29 +123,34 @@ async fn take_again(robot: &mut Robot) -> Result<Station, Failure> {
     robot.forget_grasp();
     let distance = robot.free_retraction(Hand::Track, robot.settings.back);
     back_off(robot, distance).await?;
-    // From another place than the last hand-over the arm may not reach the cube.
-    match robot.hand_over {
-        Some(place) => regrasp::return_to(robot, place).await?,
-        None => robot.move_apart().await?,
+    robot.move_apart().await?;
+    // From another place than the last hand-over the arm may not reach the cube. It stays where it
+    // is if the way there is not free.
+    if let Some(place) = robot.hand_over {
+        robot.joints_unless_refused([Some(place), None]).await?;
     }
     // The operator may hold the cube out elsewhere.
     robot.forget_hand_over();
     Ok(Station::Take)
 }
 
-/// Returns whether the jaws of a hand, which closed with this result, have closed on nothing.
-fn is_empty(robot: &Robot, hand: Hand, closed: &Result<(), Failure>) -> bool {
-    let gap = robot.arms[hand.index()].jaw_opening;
-    matches!(closed, Err(Failure::NotGrasped { .. })) && gap < LEAST_HELD * robot.settings.edge
+/// Returns whether jaws that closed with this result have closed on nothing. Jaws that something
+/// presses do not count: their hand must not move.
+fn is_empty(closed: &Result<(), Failure>) -> bool {
+    matches!(closed, Err(Failure::NotGrasped { empty: true, .. }))
 }
 
-/// Takes the cube again that `hand` does not hold, though its jaws were as far apart as a cube: it
-/// fell when no mission was there to see it.
-async fn fallen_before(robot: &mut Robot, hand: Hand) -> Result<Station, Failure> {
-    robot.note_fall(hand);
+/// Takes the cube again that `hand` does not hold, though its jaws were as far apart as a cube. It
+/// fell when no mission was there to see it, if the journal says that this hand held it.
+async fn fallen_before(robot: &mut Robot, hand: Hand, last: &Entry) -> Result<Station, Failure> {
     robot.belief.released(hand);
-    let (name, next) = (hand.name(), robot.after_fall());
-    robot.note(format!("the {name} hand's jaws close on nothing: the cube has fallen: {next}"));
+    if last.held[hand.index()].is_some() {
+        robot.note_fall(hand);
+        let (name, next) = (hand.name(), robot.after_fall());
+        robot.note(format!("the jaws of the {name} hand are empty, the cube has fallen: {next}"));
+    } else {
+        robot.note("no hand holds the cube: it is taken again");
+    }
     robot.open(hand, Depth::One).await?;
     take_again(robot).await
 }
@@ -207,8 +212,8 @@ async fn one_holds(robot: &mut Robot, hand: Hand, last: &Entry) -> Result<Statio
     robot.zero_forces([hand == Hand::Track, hand == Hand::Postument]).await?;
     let closed = robot.close(hand, hold, Closing::Straight).await;
     // A cube that may have been held out was perhaps pulled out of the jaws, and did not fall.
-    if robot.maybe_offered.is_none() && is_empty(robot, hand, &closed) {
-        return fallen_before(robot, hand).await;
+    if robot.maybe_offered.is_none() && is_empty(&closed) {
+        return fallen_before(robot, hand, last).await;
     }
     closed?;
     let stops = robot.stops[other.index()];
@@ -273,7 +278,7 @@ async fn both_hold(robot: &mut Robot, last: &Entry) -> Result<Station, Failure> 
     for hand in Hand::BOTH {
         let closed = robot.close(hand, assumed(last, hand), Closing::Straight).await;
         // These jaws were on their way when the other run ended.
-        if is_empty(robot, hand, &closed) {
+        if is_empty(&closed) {
             return one_holds(robot, hand.other(), last).await;
         }
         closed?;
@@ -638,13 +643,18 @@ mod tests {
         assert!(!end.achieved && end.reason.contains("do not hold"), "{}", end.reason);
     }
 
-    /// The jaws of the hand are as far apart as a cube, but close on nothing. The partner's too in
-    /// the second case: no hand has the cube.
+    /// The jaws of one hand, or of both, are as far apart as a cube, but close on nothing. A hand
+    /// that held nothing by the journal has lost nothing.
     #[test]
     fn cube_that_fell_before_is_taken_again() {
         let place = JointPositions([0.3; 7]);
-        for gaps in [[0.09, WIDTH], [WIDTH, WIDTH]] {
-            let last = Entry { handing_back: false, hand_over: Some(place), ..lowering() };
+        for (gaps, held, drops) in [
+            ([0.09, WIDTH], [None, Some(Depth::One)], 1),
+            ([WIDTH, WIDTH], [None, Some(Depth::One)], 1),
+            ([0.09, WIDTH], [None, None], 0),
+        ] {
+            let hand_over = Some(place);
+            let last = Entry { handing_back: false, hand_over, held, ..lowering() };
             let mut stage = stage(settings(), &last);
             (0..2).for_each(|hand| stage.robot.arms[hand].jaw_opening = gaps[hand]);
 
@@ -666,7 +676,7 @@ mod tests {
 
             assert_eq!(end, Ok(Station::Take), "{gaps:?}");
             let (robot, ordered) = (&stage.robot, words(&actions));
-            assert_eq!((robot.log.drops, robot.hand_over), (1, None), "{ordered:?}");
+            assert_eq!((robot.log.drops, robot.hand_over), (drops, None), "{ordered:?}");
             assert!(robot.belief.held.iter().all(Option::is_none), "{gaps:?}");
             let goes = |action: &Action<Thought>| match action {
                 Action::Behave { orders, .. } => {
@@ -676,6 +686,21 @@ mod tests {
             };
             assert!(actions.last().is_some_and(goes), "the track is at the hand-over: {ordered:?}");
         }
+    }
+
+    /// Jaws that something presses have closed on nothing that they could name: nothing moves.
+    #[test]
+    fn pressed_jaws_of_resumed_hand_do_not_move() {
+        let last = Entry { handing_back: false, hand_over: None, ..lowering() };
+
+        let (end, words) = played(last, 0.0565, |order| match order {
+            Behaviour::Grasp { .. } => Some(Outcome::OverForce(2, 25.0)),
+            _ => None,
+        });
+
+        assert!(!end.achieved && end.reason.contains("over-force"), "{}", end.reason);
+        assert_eq!(position(&words, "joints"), None, "{words:?}");
+        assert_eq!(position(&words, "open"), None, "{words:?}");
     }
 
     /// The plant's file counts the falls of the whole mission.

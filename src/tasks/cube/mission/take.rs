@@ -226,8 +226,8 @@ pub(super) async fn retract(robot: &mut Robot, distance: f64) -> Result<(), Fail
 
 impl Robot {
     /// Returns the distance by which an arm retracts (m): `distance`, or less if its joints allow
-    /// less but at least `least`. Below `least` it returns `distance`, so that the servo reports
-    /// the limit.
+    /// less but at least `least`. Below `least` it returns `distance`, so that MP refuses the
+    /// motion and names the limit.
     pub(super) fn retraction(&mut self, hand: Hand, distance: f64, least: f64) -> f64 {
         let goes = self.free_retraction(hand, distance);
         if goes >= distance || goes < least {
