@@ -120,7 +120,7 @@ fn mission_killed_during_turns_resumes_and_solves() {
     remove(&world);
 }
 
-/// Nobody sees the fall before the first cut. At the second one the track is far from the place of
+/// The first cut comes while the cube falls. At the second one the track is far from the place of
 /// hand-over.
 #[test]
 fn cube_that_fell_around_power_cut_is_solved() {
