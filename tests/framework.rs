@@ -915,7 +915,7 @@ async fn ecp_checks_programme_path_and_reports_tool() {
 
     let Message::Ended { finish, .. } = message else { panic!("{message:?}") };
     assert!(finish.reason.contains("ecp track, check a path"), "{finish:?}");
-    assert!(finish.reason.contains("the hand of the track arm comes within"), "{finish:?}");
+    assert!(finish.reason.contains("the track arm cannot follow its path"), "{finish:?}");
     assert_eq!(tool, Some(longer()));
     let after = edp.state().await.unwrap().desired_joints;
     assert!(furthest(&before, &after) < 1e-12);
