@@ -307,8 +307,8 @@ impl Robot {
         outcome.ok_or_else(|| Hindrance("a motion has ended without an outcome".to_owned()))
     }
 
-    /// Has one effector carry out a motion through free space. A motion that something stops begins
-    /// again after a pause, at most `tries` times in all.
+    /// Has one effector carry out a motion through free space. A motion that is refused, or that
+    /// something stops, is tried again after a pause, at most `tries` times in all.
     ///
     /// # Errors
     /// The reason why the last try was stopped.
