@@ -90,7 +90,7 @@ pub(super) enum Inadmissible {
     /// An obstacle, or the other arm.
     #[error(transparent)]
     Near(#[from] Near),
-    /// A path of the tool that the arm cannot follow to its end.
+    /// A line or a declared course that the arm cannot follow to its end.
     #[error("the {arm} arm cannot follow its path{to} beyond {:.0} %: {why}", .share * 100.0)]
     BeyondReach {
         /// Name of the arm.
@@ -122,7 +122,7 @@ pub(super) fn admit(
     Ok(joined)
 }
 
-/// Checks that the arms can follow their ordered paths of the tool to the end.
+/// Checks that the arms can follow their ordered lines and declared courses to the end.
 ///
 /// # Errors
 /// The arm that cannot, and the limit.

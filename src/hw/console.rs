@@ -77,7 +77,7 @@ const HELD: usize = 64 << 10;
 /// Console of this process.
 static CONSOLE: Mutex<Console> = Mutex::new(Console { live: String::new(), held: None });
 
-/// Name of this process's program, if it is not the one of this crate.
+/// Name of this process's program, once [`speak_as`] has given it.
 static PROGRAM: OnceLock<String> = OnceLock::new();
 
 /// Gives the program its name. From now on the commands that lines quote are those of this program.

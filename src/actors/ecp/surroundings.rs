@@ -190,7 +190,8 @@ mod tests {
             Behaviour::Line { target: base_from_world * low, speed: 1.0 }
         };
 
-        assert!(admitted(lower(0.6), (at, None), other).is_err());
+        let refused = admitted(lower(0.6), (at, None), other).unwrap_err();
+        assert!(refused.contains("cannot follow its path to x "), "{refused}");
         // The point 0.6 m above the tool goes down by 0.05 m, and so does the tool.
         assert!(admitted(lower(0.05), (at, None), other).is_ok());
         let up = stands.inverse() * base_from_world * Pose::translation(0.0, 0.0, 0.6);
